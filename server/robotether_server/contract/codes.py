@@ -71,7 +71,7 @@ RECORDING_ENDS: Mapping[str, str] = {
     "robot_gone": "robot disabled or removed",
     "robot_renamed": "robot renamed",
     "too_long": "maximum length reached",
-    "disk_full": "disk full",
+    "disk_full": "disk full or not writable",
     "quota_reached": "no room left for recordings",
     "recorder_away": "the recorder was not running",
     "relay_away": "the recorder lost the relay",

@@ -123,7 +123,7 @@ _OF_VIEWER = (
     " (SELECT robot_id FROM relay_grants WHERE user_id = %(viewer_id)s AND level IN %(levels)s))"
 )
 _STATE = (
-    "CASE WHEN ended_at IS NOT NULL THEN 'ended' WHEN started_at IS NULL THEN 'requested'"
+    f"CASE WHEN ended_at IS NOT NULL THEN 'ended' WHEN started_at IS NULL AND {_IS_NEW} THEN 'requested'"
     f" WHEN {is_current('progress_at', PROGRESS_WITHIN_S)} THEN 'recording' ELSE 'interrupted' END"
 )
 _COLUMNS = ", ".join(
@@ -136,7 +136,7 @@ def is_asked_for(tx: Transaction, robot_id: int) -> bool:
     row = tx.row(
         "SELECT 1 FROM recordings WHERE robot_id = %(robot_id)s AND cause = 'asked'"  # noqa: S608 - the module's own texts
         " AND delete_requested_at IS NULL AND deleted_at IS NULL"
-        f" AND ({_STATE} = 'recording' OR ({_STATE} = 'requested' AND {_IS_NEW})) LIMIT 1",
+        f" AND {_STATE} IN ('recording', 'requested') LIMIT 1",
         {"robot_id": robot_id},
     )
     return row is not None

@@ -447,7 +447,12 @@ class RecorderService:
             set_aside(path_of(self._folder, number))
 
     async def _delete(self, number: int) -> None:
-        path_of(self._folder, number).unlink(missing_ok=True)
+        try:
+            path_of(self._folder, number).unlink(missing_ok=True)
+        except OSError as exc:
+            # It is tried again; what else is to begin and to end must not wait for that.
+            log.warning("recording %d: cannot delete its file: %s", number, exc)
+            return
         log.info("recording %d is deleted", number)
         await self._store.note_deleted(number)
 

@@ -7,29 +7,25 @@ import { isNew, markNew } from "../dom/presses.js";
 import { recording as texts } from "../texts/panels.js";
 import { refusal } from "./stopping.js";
 
-const BEGINS_MS = 60_000; // time within which the recorder begins what it was asked for, or nobody does
 const AGAIN_MS = 2000; // delay before the next look at one that is about to begin or end
 const LISTED = 100; // as the server looks back: recordings by the robot's settings may be newer than one that a person asked for
 
-/** @typedef {{id: number, cause: string, state: string, asked_by: string | null, asked_at: string, started_at: string | null}} Recording */
+/** @typedef {{id: number, cause: string, state: string, asked_by: string | null, started_at: string | null}} Recording */
 
 // The recording that a person asked for and that goes on, or is about to begin; null for none. Pure.
-/** @param {Recording[]} recordings @param {number} now the server's, in ms */
-function recordingUnderWay(recordings, now) {
-  const isAboutToBegin = ({ state, asked_at: at }) => state === "requested" && now - Date.parse(at) < BEGINS_MS;
-  const goesOn = (each) => each.state === "recording" || isAboutToBegin(each);
-  return recordings.find((each) => each.cause === "asked" && goesOn(each)) ?? null;
+/** @param {Recording[]} recordings */
+function recordingUnderWay(recordings) {
+  return recordings.find(({ cause, state }) => cause === "asked" && ["recording", "requested"].includes(state)) ?? null;
 }
 
 export class RecordButton {
-  // `api` as of client/api.js; `now()` gives the server's time of day in ms.
-  constructor(root, { robot, mac, me, level, api, now }) {
+  // `api` as of client/api.js.
+  constructor(root, { robot, mac, me, level, api }) {
     this.root = root;
     this.mac = mac;
     this.beginPath = robotPath(robot, "recordings", { mac });
     this.mayStop = ({ asked_by: asker }) => level === "manage" || asker === me;
     this.api = api;
-    this.now = now;
     this.round = 0;
     /** @type {boolean | undefined} */
     this.recorded = undefined; // whether anything records the robot, as the robot object says
@@ -53,7 +49,7 @@ export class RecordButton {
     const round = ++this.round;
     const { ok, status, body } = await this.api.get("/api/v1/recordings", { mac: this.mac, limit: LISTED });
     if (round !== this.round) return;
-    this.underWay = ok ? recordingUnderWay(body.recordings, this.now()) : undefined;
+    this.underWay = ok ? recordingUnderWay(body.recordings) : undefined;
     this.ending &&= this.underWay !== null;
     this.show();
     const isUnheard = !ok && refusal(status, 1) === "unheard";

@@ -23,7 +23,7 @@ import { Topics } from "../topics/topicList.js";
 import { ObserverConnection } from "../topics/topicProbe.js";
 import { TopicSwitch, Uplink } from "../topics/uplink.js";
 import { View } from "../video/view.js";
-import { LoginUse, api, serverClock } from "../dom/calls.js";
+import { LoginUse, api } from "../dom/calls.js";
 import { Choices, FIELDS, asksForKeys, byTestId, localTime, matches, noteScript, part, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
 import { driveSettings } from "./settings.js";
@@ -106,7 +106,7 @@ new Uplink(part(root, "uplink"), {
 // Drivers have these.
 const summary = driveMode.mayDrive ? new Summary(part(root, "summary"), { robot, mac, me: user }) : null;
 const buttons = driveMode.mayDrive ? new Buttons(part(root, "buttons"), { buttons: settings.buttons ?? [], connection }) : null;
-const recordButton = driveMode.mayDrive ? new RecordButton(root, { robot, mac, me: user, level, api, now: () => serverClock.nowMs }) : null;
+const recordButton = driveMode.mayDrive ? new RecordButton(root, { robot, mac, me: user, level, api }) : null;
 
 const askForHelp = new AskForHelp(root, {
   robot,

@@ -6,19 +6,18 @@ import { RecordButton } from "../../src/control/recordButton.js";
 import { part } from "../../src/dom/page.js";
 import { FakeElement, settle } from "../fakes.js";
 
-const NOW = Date.parse("2026-11-28T12:00:00Z");
-const RECORDING = { id: 7, cause: "asked", state: "recording", asked_by: "ann", asked_at: "2026-11-28T11:00:00Z", started_at: null };
+const RECORDING = { id: 7, cause: "asked", state: "recording", asked_by: "ann", started_at: null };
 const asked = (more) => ({ ...RECORDING, ...more });
 
 function open(api, who = {}) {
   const root = new FakeElement();
-  return { root, button: new RecordButton(root, { robot: "sim1", mac: "m1", me: "ann", level: "drive", now: () => NOW, api, ...who }) };
+  return { root, button: new RecordButton(root, { robot: "sim1", mac: "m1", me: "ann", level: "drive", api, ...who }) };
 }
 
 for (const [me, level, underWay, words, disabled] of [
   ["ann", "drive", null, "Record", false],
-  ["ann", "drive", { state: "requested" }, "Record", false], // an hour ago, and nobody began it
-  ["ann", "drive", { state: "requested", asked_at: "2026-11-28T11:59:30Z" }, "Stop recording", false],
+  ["ann", "drive", { state: "interrupted" }, "Record", false],
+  ["ann", "drive", { state: "requested" }, "Stop recording", false],
   ["ann", "drive", { state: "ended" }, "Record", false],
   ["ann", "drive", { cause: "driven" }, "Record", false],
   ["ann", "drive", {}, "Stop recording", false],

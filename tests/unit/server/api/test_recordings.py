@@ -78,6 +78,8 @@ def test_a_request_that_nobody_took_within_a_minute_keeps_no_other_out(
     assert people["ben"].ask("POST", "/robots/sim1/recordings").status_code == 201
     with recorder_database.transaction() as tx:
         assert [row.is_late for row in recordings.read_open(tx, "main")] == [True, False]
+    states = [each["state"] for each in people["ann"].get("/recordings")["recordings"]]
+    assert states == ["requested", "interrupted"]
 
 
 def test_of_two_who_ask_for_a_recording_at_once_one_gets_it(people, database):

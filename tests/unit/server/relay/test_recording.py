@@ -257,7 +257,11 @@ async def test_video_is_recorded_with_key_frames_and_without_gaps(
     await robot.frames.wait_for("key_frame")
 
 
-async def test_a_recording_ends_with_the_right_of_who_asked(recorder, store):
+async def test_a_recording_ends_with_the_right_of_who_asked(recorder, store, settings):
+    # A file that cannot be deleted keeps no other from its end.
+    (settings.folder / "9.mcap").mkdir()
+    store.ask(9)
+    store.change(9, is_delete_requested=True)
     ends = ({"may_go_on": False}, "right_ended"), ({"is_delete_requested": True}, "stopped")
     for number, (change, code) in enumerate(ends, 1):
         store.ask(number)
