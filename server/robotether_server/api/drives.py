@@ -9,7 +9,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api import exports
 from robotether_server.api.auth import Caller
-from robotether_server.api.exports import MAX_ID, USUAL_LIMIT, ListQuery, RobotMac
+from robotether_server.api.exports import USUAL_LIMIT, ListQuery, RobotMac
 from robotether_server.api.operations import operation, respond
 from robotether_server.db import drives
 from robotether_server.db.drives import Drive, DriveSearch
@@ -72,7 +72,7 @@ def list_drives(caller: Caller, query: DriveQuery) -> DriveList | Response:
 @operation("GET", "/drives/<int:drive_id>", "user", tag="robots")
 def get_drive(caller: Caller, drive_id: int) -> Drive | Response:
     """Get one drive, as a file."""
-    drive = drives.get(caller.tx, caller.user, min(drive_id, MAX_ID))
+    drive = drives.get(caller.tx, caller.user, drive_id)
     answer = respond(drive)
     name = f"robotether-drive-{drive.id}.json"
     answer.headers["Content-Disposition"] = f'attachment; filename="{name}"'

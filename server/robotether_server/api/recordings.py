@@ -70,7 +70,7 @@ def list_recordings(caller: Caller, query: RecordingQuery) -> RecordingList:
 @operation("GET", "/recordings/<int:recording_id>", "user", tag="robots", problems=(404,))
 def get_recording(caller: Caller, recording_id: int) -> Recording:
     """Get one recording. Needs level drive on its robot."""
-    return recordings.get(caller.tx, caller.user, "drive", min(recording_id, MAX_ID))
+    return recordings.get(caller.tx, caller.user, "drive", recording_id)
 
 
 @operation("POST", "/recordings/<int:recording_id>/stop", "user", tag="robots", problems=(403, 404))
@@ -79,13 +79,13 @@ def stop_recording(caller: Caller, recording_id: int) -> Recording:
 
     For the caller who asked for it, and for those who manage the robot. One by the robot's settings begins anew.
     """
-    return recording_service.stop(caller.tx, caller.user, min(recording_id, MAX_ID))
+    return recording_service.stop(caller.tx, caller.user, recording_id)
 
 
 @operation("DELETE", "/recordings/<int:recording_id>", "user", tag="robots", problems=(404,))
 def delete_recording(caller: Caller, recording_id: int) -> None:
     """Delete a recording and its file. Needs level manage on its robot."""
-    recording_service.delete(caller.tx, caller.source, caller.user, min(recording_id, MAX_ID))
+    recording_service.delete(caller.tx, caller.source, caller.user, recording_id)
 
 
 @operation(
@@ -105,7 +105,7 @@ def get_recording_file(caller: Caller, recording_id: int) -> Response:
         caller.tx,
         caller.source,
         caller.user,
-        min(recording_id, MAX_ID),
+        recording_id,
         is_noted=request.method == "HEAD",
     )
     return file_response(recording)
