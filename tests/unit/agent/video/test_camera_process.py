@@ -20,7 +20,7 @@ from robotether_agent.video.sources import CameraFrame, SourceDownError, run_cam
 from robotether_common.codecs import H264
 from video_clips import clip, jpeg_of, pixels_of, psnr
 
-RtspMode = Literal["streams", "silent", "refuses", "redirects", "describes", "audio"]
+RtspMode = Literal["streams", "refuses", "redirects", "describes", "audio"]
 FPS = 15
 RTP = struct.Struct("!BBHII")
 CLOCK = 90_000
@@ -35,7 +35,7 @@ def units_of(data: bytes) -> list[bytes]:
 class FakeRtspCamera:
     """A double of an RTSP camera, over TCP alone.
 
-    Modes: `streams` H.264; `silent` plays and sends nothing; `refuses` wants a login;
+    Modes: `streams` H.264; `refuses` wants a login;
     `redirects` leads to `location`; `describes` has a description that leads there; `audio` has a microphone alone.
     """
 
@@ -196,9 +196,3 @@ async def test_a_camera_that_is_not_there_is_a_reason(url):
     reason = await down_reason(url.format(port=free_port()))
     assert reason.startswith("camera rear cannot be read: ")
     assert "secret" not in reason
-
-
-async def test_a_silent_camera_is_given_up(monkeypatch):
-    monkeypatch.setattr(sources_module, "PROCESS_START_S", 2.0)
-    async with FakeRtspCamera(JPEGS[:1], "silent") as camera:
-        assert await down_reason(camera.url) == "camera rear sent no frame for 2 s"

@@ -9,7 +9,6 @@ from random import Random
 import pytest
 from fake_cloud import eventually
 from receiver_world import FIRST, SIZE, World, unpacked
-from robotether_agent.video.frame_messages import parse
 from robotether_agent.video.receiver import FrameRateLimiter
 from robotether_agent.video.sources import CameraFrame, SourceRequest
 from robotether_agent.video.waiting_frames import HELD_S, MAX_WAITING, NewFrame, WaitingFrames
@@ -138,12 +137,6 @@ async def test_fewer_frames_than_the_camera_gives_bring_the_quality_down(world):
             break
         await world.have_taken(0.0)
     assert list(world.open)[-1].quality < begun.quality
-
-
-def test_codecs_that_nobody_knows_are_skipped():
-    codecs = '"codecs": ["jpeg", "av1", 7, "vp8", "h264"]'
-    assert parse(f'{{"op": "stream_request", {codecs}}}').codecs == ("h264", "vp8", "jpeg")
-    assert parse('{"op": "stream_request", "codecs": "h264"}').codecs == ("jpeg",)
 
 
 REQUEST = SourceRequest("/camera", 80, None, None, 15.0)
