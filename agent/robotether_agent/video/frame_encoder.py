@@ -30,7 +30,7 @@ TOO_SLOW_PAUSE_S = 60.0
 MIN_FPS = 5.0
 # Part of a full line that a robot's cameras may fill together: each frame is gone before the next one comes, though it
 # waits for credit, which the one before it brings.
-LINE_PART = 0.7
+LINE_PART = 0.6
 # Minimum rate of a camera that is taken as its interval: in the first seconds few have been counted.
 MIN_RATE = 0.5
 

@@ -103,7 +103,7 @@ async def test_key_frames_come_by_request_and_no_oftener_than_twice_a_second(
 
 
 async def test_a_full_line_lowers_the_quality_before_frames_are_late(make_world):
-    world = make_world(line_rate=90_000)
+    world = make_world(line_rate=110_000)
     await until_encoding(world)
     [frame] = map(jpeg_of, clip(1, step=2))
     assert unpacked(await world.pass_on(frame)).quality == 80
