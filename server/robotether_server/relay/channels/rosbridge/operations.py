@@ -51,7 +51,7 @@ LEVELS = ("info", "warning", "error", "none")
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 MAX_QUEUE = 1000
 # Maximum time limit of a call; one that is not positive is none.
-MAX_CALL_S = 86_400.0
+MAX_CALL_S = 86_400
 # Minimum and maximum size of a fragment; in a smaller one most bytes would be the fragment's own
 # frame.
 FRAGMENT_BYTES = (100, 2**31 - 1)
@@ -164,25 +164,13 @@ def whole(low: int, high: int) -> Callable[[Any], int]:
     return check
 
 
-def clamped(low: int, high: int) -> Callable[[Any], int]:
-    """Make a check for numbers, which passes the nearest whole one from `low` to `high`."""
-
-    def check(value: Any) -> int:
-        if not isinstance(value, (int, float)):
-            raise FieldRefusedError("is not a number")
-        return round(min(max(value, low), high))
-
-    return check
-
-
-def number(low: float, high: float) -> Check:
-    """Make a check for numbers from `low` to `high`."""
+def clamped(low: int, high: int, kind: Callable[[float], float] = round) -> Check:
+    """Make a check for numbers, which passes the nearest one of a kind from `low` to `high`."""
 
     def check(value: Any) -> float:
-        fits = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not fits or not low <= value <= high:
-            raise FieldRefusedError(f"is not a number from {low:g} to {high:g}")
-        return float(value)
+        if not isinstance(value, (int, float)):
+            raise FieldRefusedError("is not a number")
+        return kind(min(max(value, low), high))
 
     return check
 
@@ -361,7 +349,7 @@ class Operation:
 
 
 _ANSWER: Mapping[str, Check] = {
-    "fragment_size": whole(*FRAGMENT_BYTES),
+    "fragment_size": clamped(*FRAGMENT_BYTES),
     "compression": choice(*COMPRESSIONS),
 }
 _TOPIC: Mapping[str, Check] = {
@@ -437,7 +425,7 @@ OPERATIONS: Mapping[str, Operation] = {
             "service": ros_name,
             "type": text,
             "args": payload,
-            "timeout": number(-MAX_CALL_S, MAX_CALL_S),
+            "timeout": clamped(-MAX_CALL_S, MAX_CALL_S, float),
             **_ANSWER,
         },
         "call",
