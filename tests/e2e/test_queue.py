@@ -69,7 +69,7 @@ def _drive_and_close(page, stack):
     page.goto(f"{stack.url}/queue")
     expect(page.get_by_test_id("queue-state")).to_have_text(f"You are busy with {ROBOT}.")
     page.get_by_test_id("close-note").fill(NOTE)
-    page.get_by_test_id("close-request").click()
+    _press(page, "close-request")
     expect(page.get_by_test_id("close-outcome")).to_have_text(f"The request of {ROBOT} is closed.")
     expect(page.get_by_test_id("queue-state")).to_contain_text("Wrap-up")
 

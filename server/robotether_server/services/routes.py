@@ -92,10 +92,11 @@ def make(tx: Transaction, source: Source, user: User, route_request: RouteReques
         raise FieldInvalidError("cannot make the route: it must lead to another robot", "target")
     if all(map(routes.is_app, names)):
         raise FieldInvalidError("cannot make the route: one of its ends must be a robot", "target")
-    apps = [_app(field, name) for field, name in zip(("source", "target"), names, strict=True)]
+    macs = route_request.macs
+    apps = [_app(*each) for each in zip(("source", "target"), names, macs, strict=True)]
     robot_ids = [
         seen_robots.require(tx, user, name, "manage", mac=mac).robot.id if app is None else None
-        for name, app, mac in zip(names, apps, route_request.macs, strict=True)
+        for name, app, mac in zip(names, apps, macs, strict=True)
     ]
     # Two that are made at once could close a loop that neither sees.
     if not tx.lock(LOCK, LOCK_WITHIN_S):
@@ -188,10 +189,12 @@ def _audited(route: Route) -> str:
     return routes.audited_robot(route.source, route.target)
 
 
-def _app(field: str, end: str) -> str | None:
+def _app(field: str, end: str, mac: str | None) -> str | None:
     """Return the name of the app that an end is; None: it is a robot."""
     if not routes.is_app(end):
         return None
+    if mac is not None:
+        raise FieldInvalidError(f"cannot use {field}_mac: an app has none", f"{field}_mac")
     name = end.removeprefix(schemas.APP)
     schemas.check(field, name, AppName)
     return name

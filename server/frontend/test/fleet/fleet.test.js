@@ -29,20 +29,11 @@ for (const [robot, health] of [
 }
 
 const robot = (name, online = true) => ({ name, mac: `of ${name}`, online });
-const asks = (name, more = {}) => ({
-  robot: name,
-  mac: `of ${name}`,
-  reason: "stuck",
-  source: "page",
-  age_s: 125,
-  priority: 2,
-  state: "waiting",
-  ...more,
-});
+const asks = (name, robot = name) => ({ robot, mac: `of ${name}` });
 
 test("robots that ask for help stand first, as their requests come, then those online, as many as a person watches", () => {
   const robots = [robot("a", false), ...Array.from({ length: 30 }, (_, place) => robot(`r${place}`)), robot("z", false)];
-  const byRobot = requestsByRobot([asks("z", { robot: "a" }), asks("r29"), asks("z"), asks("not-seen")]);
+  const byRobot = requestsByRobot([asks("z", "a"), asks("r29"), asks("z"), asks("not-seen")]);
   const names = wallNames(robots, byRobot, 8);
   assert.equal(names.length, 8);
   assert.deepEqual(names.slice(0, 4), ["z", "r29", "r0", "r1"]);

@@ -96,6 +96,8 @@ def test_who_does_not_manage_its_robots_makes_none(fleet_of_four, start, end, by
 def test_robots_that_have_got_the_names_get_no_route(fleet_of_four, macs):
     with pytest.raises(RobotUnknownError, match="another robot has this name now"):
         made(fleet_of_four, "sim1", "sim2", macs=macs)
+    with pytest.raises(FieldInvalidError, match="an app has none"):
+        made(fleet_of_four, "app:joy", "sim2", macs=(OTHER_MAC, None))
 
 
 def test_what_is_no_topic_or_rate_or_one_too_many_is_refused(fleet_of_four, monkeypatch):
