@@ -259,9 +259,9 @@ async def test_video_is_recorded_with_key_frames_and_without_gaps(
 
 async def test_a_recording_ends_with_the_right_of_who_asked(recorder, store, settings):
     # A file that cannot be deleted keeps no other from its end.
-    (settings.folder / "9.mcap").mkdir()
     store.ask(9)
-    store.change(9, is_delete_requested=True)
+    store.change(9, is_delete_requested=True, started_at=utc_now(), ended_at=utc_now(), cell="main")
+    (settings.folder / "9.mcap").mkdir()
     ends = ({"may_go_on": False}, "right_ended"), ({"is_delete_requested": True}, "stopped")
     for number, (change, code) in enumerate(ends, 1):
         store.ask(number)
