@@ -218,6 +218,18 @@ def _recording(row: Row) -> Recording:
     return Recording(**row | {"drivers": (row["drivers"] or "").split(), "topics_left_out": topics})
 
 
+def find_later(tx: Transaction, recording_id: int) -> int | None:
+    """Return the recording that goes on in place of one whose robot moved."""
+    row = tx.row(
+        "SELECT later.id FROM recordings r JOIN recordings later ON later.robot_id = r.robot_id"
+        " AND later.cause = 'asked' AND later.asked_by_id = r.asked_by_id AND later.id > r.id"
+        " WHERE r.id = %s AND r.cause = 'asked' AND r.end_code = 'robot_moved'"
+        " AND later.delete_requested_at IS NULL AND later.deleted_at IS NULL ORDER BY later.id LIMIT 1",
+        (recording_id,),
+    )
+    return None if row is None else int(row["id"])
+
+
 def request_stop(tx: Transaction, recording_id: int) -> None:
     """Ask the recorder to end a recording."""
     tx.change(

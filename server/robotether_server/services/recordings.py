@@ -26,16 +26,18 @@ def ask(tx: Transaction, user: User, name: str) -> Recording:
 
 
 def stop(tx: Transaction, user: User, recording_id: int) -> Recording:
-    """End a recording that the user asked for, or one of a robot that the user manages.
+    """End a recording that the user asked for, or one of a robot that the user manages; return it.
 
-    Raises RecordMissingError or GrantMissingError.
+    If its robot moved, that is the one that goes on. Raises RecordMissingError or GrantMissingError.
     """
     recording = recordings.get(tx, user, "drive", recording_id)
     if recording.asked_by != user.name and not _manages(tx, user, recording_id):
         raise GrantMissingError(
             f"cannot stop recording {recording_id}: you neither asked for it nor manage its robot"
         )
-    recordings.request_stop(tx, recording_id)
+    while (later := recordings.find_later(tx, recording.id)) is not None:
+        recording = recordings.get(tx, user, "drive", later)
+    recordings.request_stop(tx, recording.id)
     return recording
 
 

@@ -17,6 +17,7 @@ from robotether_server.recorder.mcap_file import McapFile
 from robotether_server.recorder.robot_recorder import path_of
 from robotether_server.recorder.service import RecorderService
 from robotether_server.recorder.store import RecorderStore
+from robotether_server.services import recordings as recording_service
 from robotether_server.settings.server import DatabaseSettings, RecorderSettings, TicketSettings
 from web_visitor import HASH
 
@@ -93,7 +94,8 @@ async def test_an_asked_recording_goes_on_where_the_robot_goes(cells, database, 
     assert rows(database)[1:] == [("asked", "ann", "b", None)]
     assert here.controls(number) == [True, None]
     with database.transaction() as tx:
-        recordings.request_stop(tx, number + 1)
+        # By the number of before.
+        assert recording_service.stop(tx, users.get(tx, "ann"), number).id == number + 1
     there.service.on_event(robot_id, "control", {**AWAY, "elsewhere": True})
     await there.service.step()
     assert [row[3] for row in rows(database)] == ["robot_moved", "robot_moved"]
