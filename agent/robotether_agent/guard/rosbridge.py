@@ -94,11 +94,9 @@ class CmdVelPublisher:
         return connection.waiting_bytes() == 0
 
     def use(self, url: str) -> None:
-        """Connect to this rosbridge from now on."""
-        if url != self._url:
-            self._url = url
-            self._has_url.set()
-            self._drop()
+        """Connect to this rosbridge, which is the same for an agent's whole life."""
+        self._url = url
+        self._has_url.set()
 
     async def send(self, data: bytes) -> bool:
         """Send one message; ask `can_send` first. False: the connection is gone."""
@@ -181,10 +179,6 @@ class CmdVelPublisher:
 
     def _waits(self, seconds: float) -> bool:
         return self._pinged_at is not None and self._clock() - self._pinged_at > seconds
-
-    def _drop(self) -> None:
-        if self._socket is not None:
-            self._socket.drop()
 
     def _log_down(self, reason: str) -> None:
         if not self._logged_down:

@@ -98,13 +98,6 @@ async def test_it_connects_again_for_ever(monkeypatch: pytest.MonkeyPatch) -> No
         await until("it is up again", lambda: heard.on_rosbridge_connected.call_count == 2)
 
 
-async def test_another_address_is_used_at_once() -> None:
-    async with FakeRosbridge() as old, FakeRosbridge() as new, running(old) as (line, heard):
-        line.use(f"ws://127.0.0.1:{new.port}/")
-        await until("it is up there", lambda: heard.on_rosbridge_connected.call_count == 2)
-        assert (old.connections, new.connections) == (1, 1)
-
-
 async def test_the_watch_says_what_nothing_listens_to(monkeypatch, spawn):
     """A rosapi that has never said, or hides the topic, is no reason for a word; one that says no more is."""
     monkeypatch.setattr("robotether_agent.guard.rosbridge.WATCH_EVERY_S", 0.01)
