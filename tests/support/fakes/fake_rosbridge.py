@@ -42,10 +42,6 @@ class FakeRosbridge(WebService):
         self._reads = asyncio.Event()
 
     @property
-    def connections(self) -> int:
-        return len(self.sockets)
-
-    @property
     def open(self) -> int:
         return sum(not socket.closed for socket in self.sockets)
 

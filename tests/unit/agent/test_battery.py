@@ -62,10 +62,11 @@ NONE = {"type": "vitals", "battery": None}
 
 
 async def test_changes_are_told_and_nothing_else(vitals_of, spawn):
-    is_over = asyncio.Event()
+    """Without a session nothing is known: the rules for help go on, and it may be charged meanwhile."""
+    is_over, reported = asyncio.Event(), list[Mapping[str, Any]]()
     async with FakeRosbridge(TOPICS) as robot:
         vitals = vitals_of(robot.url, lambda _pause_s: is_over.wait())
-        reported = reports_of(vitals, spawn)
+        session = spawn(vitals.report(reported.append, BatterySettings))
         assert (await robot.subscription("/battery_state"))["throttle_rate"] == 5000
         for percentage in (0.81, 0.811, 0.809):
             await robot.publish("/battery_state", state(percentage))
@@ -78,6 +79,9 @@ async def test_changes_are_told_and_nothing_else(vitals_of, spawn):
         is_over.set()
         await eventually(lambda: len(reported) > 1, lambda: str(reported))
         assert reported == [line(81), line(79, charging=True)]
+        session.cancel()
+        await asyncio.gather(session, return_exceptions=True)
+        assert vitals.battery is None
 
 
 async def test_a_battery_that_falls_silent_is_unknown(report, monkeypatch):
@@ -122,19 +126,6 @@ async def test_a_battery_that_shows_as_another_robots_is_left(vitals_of, spawn, 
         await asyncio.sleep(0.2)
         await robot.publish("/robot2/battery_state", state(0.2))
         await eventually(lambda: reported[2:] == [line(20)], lambda: str(reported))
-
-
-async def test_without_a_session_nothing_is_known(vitals_of):
-    """The rules for help go on, and what was charged meanwhile must not ask."""
-    async with FakeRosbridge(TOPICS) as robot:
-        vitals = vitals_of(robot.url)
-        task = asyncio.ensure_future(vitals.report(lambda _: None, BatterySettings))
-        await robot.subscription("/battery_state")
-        await robot.publish("/battery_state", state(0.5))
-        await eventually(lambda: vitals.battery is not None, lambda: "it is read")
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-        assert vitals.battery is None
 
 
 async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end(tmp_path):

@@ -184,19 +184,12 @@ def test_not_while_the_agent_runs(robot_environ, place, capsys):
     assert (place / "state/id_ed25519").exists()
 
 
-def as_child(code: str) -> str:
+def child_in(place: Path, more: str) -> str:
     """Run Python in a process of its own, since a right that is dropped never comes back."""
     environ = {"PATH": os.environ["PATH"], "PYTHONPATH": ":".join(sys.path)}
+    code = f"from pathlib import Path; from robotether_agent import cli; {more.format(place=place)}; {WHO}"
     command = [sys.executable, "-c", code]
-    return subprocess.run(
-        command, check=True, capture_output=True, text=True, env=environ
-    ).stdout.strip()
-
-
-def child_in(place: Path, more: str) -> str:
-    return as_child(
-        f"from pathlib import Path; from robotether_agent import cli; {more.format(place=place)}; {WHO}"
-    )
+    return subprocess.run(command, check=True, capture_output=True, text=True, env=environ).stdout
 
 
 @needs_root

@@ -40,7 +40,7 @@ async def guard(tmp_path, rosbridge, monkeypatch):
     monkeypatch.setattr(agent_messages, "TIMES_MS", (200, PATIENCE_MS))
     times = {"max_age_ms": PATIENCE_MS, "deadman_ms": PATIENCE_MS}
     async with GuardHere(tmp_path, rosbridge.port, **times) as running:
-        await running.until(lambda: rosbridge.connections > 0, "it has reached rosbridge", WAIT_S)
+        await running.until(lambda: rosbridge.open > 0, "it has reached rosbridge", WAIT_S)
         yield running
 
 

@@ -121,6 +121,10 @@ async def test_the_robots_services(settings, services, monkeypatch):
     assert (elsewhere.state, "rosbridge" in elsewhere.detail) == (SKIPPED, True)
 
 
+# What rosbridge answers where it does not find rosapi.
+NOT_FOUND = "Service /rosapi/topics does not exist"
+
+
 @pytest.mark.parametrize(
     ("robot", "state", "detail"),
     [
@@ -128,12 +132,16 @@ async def test_the_robots_services(settings, services, monkeypatch):
         ({"topics": {}, "call_services_in_new_thread": True}, OK, "answers"),
         ({"topics": {}, "call_services_in_new_thread": False}, WARNING, "_in_new_thread false"),
         ({"topics": None}, WARNING, "is silent"),
+        ({"topics": {}, "answer": NOT_FOUND}, WARNING, "roscore has restarted"),
     ],
 )
 async def test_rosapi_is_asked(settings, monkeypatch, robot, state, detail):
     if robot["topics"] is None:
         monkeypatch.setattr(rosbridge_module, "ANSWER_WITHIN_S", 0.5)
+    answer = robot.pop("answer", None)
     async with FakeRosbridge(**robot) as rosbridge:
+        if answer is not None:
+            rosbridge._look_up = lambda _: answer
         checked = await checks.check_rosapi(replace(settings, rosbridge_url=rosbridge.url))
     assert checked.state == state
     assert detail in checked.detail
@@ -176,16 +184,6 @@ async def test_robot_without_an_encoder_is_told_why(monkeypatch, setting, change
     assert finding.state == state
     assert "so video is JPEG" in finding.detail
     assert reason in finding.detail
-
-
-async def test_a_rosapi_that_rosbridge_does_not_find_is_no_rosapi(settings, monkeypatch) -> None:
-    async with FakeRosbridge({}) as rosbridge:
-        monkeypatch.setattr(
-            rosbridge, "_look_up", lambda _: "Service /rosapi/topics does not exist"
-        )
-        checked = await checks.check_rosapi(replace(settings, rosbridge_url=rosbridge.url))
-    assert checked.state == WARNING
-    assert "roscore has restarted" in checked.detail
 
 
 @pytest.fixture(autouse=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 from robotether_agent.guard.topics import ZERO_EVERY_S, ZEROS, ZEROS_AFTER_RECONNECT, Deadman
@@ -37,21 +36,6 @@ def test_a_zero_that_a_command_overtook_does_not_end_the_motion() -> None:
         deadman.zeroed(TOPIC, 0.1)
     assert deadman.state == "moving"
     assert deadman.next_at() == 0.1 + TIMEOUT_S
-
-
-def test_zeros_begin_after_the_deadman_time_and_end() -> None:
-    """They come at 20 Hz for 0.5 s, then nothing; the robot stands when it has them all."""
-    deadman = moving()
-    assert not deadman.is_at_rest(TOPIC)
-    sent = run_zeros(deadman, 0.0, TIMEOUT_S + 0.1)
-    assert not deadman.is_at_rest(TOPIC)
-    sent += run_zeros(deadman, TIMEOUT_S + 0.1, 60.0)
-    assert deadman.is_at_rest(TOPIC)
-    assert sent[0] == pytest.approx(TIMEOUT_S)
-    assert len(sent) == ZEROS
-    assert sent[-1] < TIMEOUT_S + 0.5
-    assert deadman.state == "idle"
-    assert deadman.next_at() is None
 
 
 def test_each_command_begins_the_time_anew() -> None:

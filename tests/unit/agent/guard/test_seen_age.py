@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
 import random
 from dataclasses import replace
 
 import pytest
 from controller_world import CONFIG, FakePublisher, FakeSource, World
 from robotether_agent.guard.drive_controller import SLOWED_EVERY_S
-from robotether_agent.guard.drive_messages import MAX_STEP_S, CheckedCommand, DriveLimits, slowed
+from robotether_agent.guard.drive_messages import MAX_STEP_S, DriveLimits
 from robotether_agent.guard.seen_age import (
     HALVED_IN_S,
     MAX_AGES,
@@ -168,15 +167,6 @@ def test_the_age_that_limits_rises_at_once_and_falls_smoothly() -> None:
     assert age.at(None, 1001.0) == MAX_SEEN_S
     # A clock that does not go on changes nothing.
     assert age.at(0.1, 1001.0) == age.at(0.1, 1000.0) == MAX_SEEN_S
-
-
-def test_a_slower_command_keeps_its_direction() -> None:
-    command = CheckedCommand("twist", (3.0, 4.0, 0.0), (0.0, 0.0, -2.0), steering=0.3)
-    slower = slowed(command, 1.0, 0.5)
-    assert slower.linear == pytest.approx((0.6, 0.8, 0.0))
-    assert slower.angular == pytest.approx((0.0, 0.0, -0.5))
-    assert slower.steering == 0.3
-    assert slowed(command, math.inf, math.inf) == slowed(command, 5.0, 2.0) == command
 
 
 class SeeingWorld(World):

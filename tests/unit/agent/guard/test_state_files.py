@@ -275,21 +275,8 @@ async def test_a_number_that_is_noted_is_written_without_anybody_waiting(tmp_pat
     assert FenceFile(tmp_path).read() == 14
 
 
-DRIVEN = [
-    Driven("/cmd_vel", "twist"),
-    Driven("/base/cmd_vel", "ackermann", "ackermann_msgs/AckermannDriveStamped", "base"),
-    Driven("/other/cmd_vel", "unknown"),
-]
-A, B = Driven("/a", "twist"), Driven("/b", "twist")
-
-
-def test_motion_is_kept_for_the_next_guard(tmp_path: Path) -> None:
-    file = MotionFile(tmp_path)
-    assert file.read() is None
-    file.write(DRIVEN)
-    assert MotionFile(tmp_path).read() == DRIVEN
-    file.remove()
-    assert file.read() is None
+A = Driven("/a", "ackermann", "ackermann_msgs/AckermannDriveStamped", "base")
+B = Driven("/b", "unknown")
 
 
 @pytest.mark.parametrize(
