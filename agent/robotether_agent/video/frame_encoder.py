@@ -128,6 +128,10 @@ class FrameEncoder:
             return None
         return lambda level: bits_of(level, own, stream_request) <= part
 
+    def note_size(self, jpeg: bytes) -> None:
+        """Note the size of a camera's frame, which is sent as it came."""
+        self._own_size = jpeg_size(jpeg)
+
     def request_key_frame(self) -> None:
         """Make one of the next frames a key frame."""
         self._key_frames.request()

@@ -86,7 +86,8 @@ class Steps:
         self._up_at_s = self._down_at_s = now_s - CALM_S
         self._trial: _Trial | None = None
         self._no_rate_steps_until_s = now_s
-        self._full = 0
+        # Nothing is known of a stall: the first check counts.
+        self._full = FULL_LOOKS - 1
         self._carries: Callable[[Level], bool] = lambda _: True
         self._line_known_until_s = now_s
 

@@ -227,6 +227,7 @@ class Receiver:
             self._steps = None
         if self._stream_request is not None:
             self._use_levels(self._stream_request)
+            self._judge_line(self._stream_request, self._clock())
             self._follow()
         self._wake.set()
 
@@ -383,6 +384,7 @@ class Receiver:
         quality = new.source_request.quality if can_step else 0
         basis = None if self._is_encoding else (new.source_request, None)
         frame = new.frame
+        self._encoder.note_size(frame.data)
         return OutgoingFrame(new, frame.data, frame.codec, quality, basis, frame.is_key)
 
     async def _send_frame(self, outgoing: OutgoingFrame) -> None:

@@ -102,13 +102,15 @@ async def test_key_frames_come_by_request_and_no_oftener_than_twice_a_second(
     assert keys == [0, 5, 10, 15, 20]
 
 
-async def test_a_full_line_lowers_the_quality_before_frames_are_late(make_world):
-    world = make_world(line_rate=110_000)
+async def test_the_first_encoded_frame_has_what_a_full_line_carries(make_world):
+    """JPEGs come until the encoder has started, and show the camera's size and the line."""
+    world, [frame] = make_world(line_rate=110_000), map(jpeg_of, clip(1, step=2))
+    world.socket.ask("stream_request", codecs=CODECS)
+    await world.until_open()
+    headers = [unpacked(await world.pass_on(frame))]
     await until_encoding(world)
-    [frame] = map(jpeg_of, clip(1, step=2))
-    assert unpacked(await world.pass_on(frame)).quality == 80
-    await eventually(lambda: world.receiver._steps.level.quality < 80, lambda: "the line counts")
-    assert unpacked(await world.pass_on(frame)).quality == 60
+    headers.append(unpacked(await world.pass_on(frame)))
+    assert [(header.codec, header.quality) for header in headers] == [(JPEG, 80), (H264, 60)]
 
 
 async def test_a_camera_that_takes_no_requests_steps_by_its_encoder(make_world):

@@ -97,12 +97,19 @@ def test_a_rate_that_the_round_trip_limits_keeps_its_quality():
 
 
 @pytest.mark.parametrize(("most", "level"), [(50, Level(50)), (10, Level(20))])
-def test_a_full_line_gets_soon_what_it_carries_and_more_is_tried_later(most, level):
+def test_a_full_line_gets_at_once_what_it_carries_and_more_is_tried_later(most, level):
     steps, wide = Steps(LEVELS, LATENCY_S, 0), FakeLink(12e6)
-    looks = [steps.on_full_line(0, lambda level: level.quality <= most) for _ in range(5)]
-    assert (looks, steps.level) == ([False, False, False, True, False], level)
+    assert steps.on_full_line(0, lambda level: level.quality <= most)
+    assert steps.level == level
     assert drive(steps, wide, 0, 10) == []
     assert drive(steps, wide, 10, 6) != []
+
+
+def test_a_stall_of_a_line_lowers_no_quality():
+    steps = Steps(LEVELS, LATENCY_S, 0)
+    for carried in (80, 10, 10, 10, 80, 10):
+        assert not steps.on_full_line(0, lambda level, carried=carried: level.quality <= carried)
+    assert steps.level == LEVELS[0]
 
 
 def test_a_rate_that_bytes_limit_steps_down():
