@@ -18,6 +18,7 @@ export class StopBar {
     this.release = byTestId(root, "release"); // drivers have one
     this.failure = "";
     this.offered = "idle";
+    this.isKnown = true; // whether anything reports to this page what becomes of the stop
     this.asked = 0; // number of releases without an answer
     this.stopping = new Stopping({ send, post: (press) => api.stop(robot, press, mac), onChange: () => this.show() });
     this.listen(byTestId(root, "stop"));
@@ -60,10 +61,17 @@ export class StopBar {
     this.show();
   }
 
+  know(isKnown) {
+    if (isKnown === this.isKnown) return;
+    this.isKnown = isKnown;
+    this.show();
+  }
+
   show() {
     const { kind, by, at, detail } = this.stopping.shown;
     this.element.dataset.stop = kind;
-    const words = texts[kind]({ by, at: localTime(at), detail, guard: this.guard });
+    const shown = kind === "stopped" && !this.isKnown ? "unknown" : kind;
+    const words = texts[shown]({ by, at: localTime(at), detail, guard: this.guard });
     setText(part(this.element, "stop-text"), [words, this.failure].join(" ").trim());
     this.showActions();
     if (this.release) this.showRelease();

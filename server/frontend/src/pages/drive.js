@@ -38,7 +38,7 @@ const { robot = "", mac = "", level = "observe", user = "" } = main.dataset;
 const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, oldMs, maxAgeMs, isLimitedByAge } = driveSettings(settings);
-const facts = { since: "", why: "", renamed: "", observers: 0, drivers: [""], silentS: 0, recording: false, unseen: false };
+const facts = { since: "", why: "", renamed: "", observers: 0, drivers: [""], silentS: 0, recording: false, unseen: false, isFed: false };
 
 const loginUse = new LoginUse();
 const reloadStore = new ReloadStore(mac);
@@ -233,6 +233,7 @@ function showBanner() {
   banner.show(connection.state, { ...facts, ...drive, video: interlock.kind, hasCamera: view.hasCamera });
   setText(byTestId(root, "recording"), recorded(connection.live ? facts.recording : Boolean(facts.recording), Boolean(control.driver)));
   stopBar.offer(driveMode.wasStopped ? "again" : "idle");
+  stopBar.know(session.controlState.linked || facts.isFed);
 }
 
 function showRoundTrip(reading) {
@@ -259,7 +260,7 @@ function reopenUnlimited() {
 function receiveRobot(update) {
   const wasOnline = facts.online && facts.ros !== "down";
   const { state, online, offline_reason: why, ros, since, control, rtt_ms: rttMs, observers, drivers } = update;
-  Object.assign(facts, { online, ros, rttMs, observers, drivers });
+  Object.assign(facts, { online, ros, rttMs, observers, drivers, isFed: true });
   Object.assign(facts, { since: online ? "" : localTime(since), why: why ?? "", disabled: state === "disabled" });
   receiveRecording(Boolean(update.recording));
   view.overlays.showBattery(update);
@@ -303,7 +304,7 @@ const feed = new Feed({
 
 // What the events alone report is unknown without them.
 function forgetRobot() {
-  Object.assign(facts, { rttMs: null, observers: 0 });
+  Object.assign(facts, { rttMs: null, observers: 0, isFed: false });
   receiveRecording(null);
   view.overlays.showBattery({ online: false });
   showWatchers();

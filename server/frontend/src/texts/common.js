@@ -116,6 +116,7 @@ export const stop = {
   refused: ({ detail }) => `Not stopped. ${detail ? because(detail) : "The server refused it."}`,
   stopping: ({ by, at }) => `Stopping (${by}, ${at}), not confirmed yet.`,
   stopped: ({ by, at }) => `Stopped by ${by} at ${at}`,
+  unknown: ({ at }) => `Stopped at ${at}; not known now.`,
 };
 
 export const release = {

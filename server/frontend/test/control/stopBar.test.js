@@ -105,6 +105,8 @@ test("a release that failed is said beside the stop that still holds", async () 
   await fails();
   assert.equal(bar.release.dataset.hold, "idle");
   assert.match(text(), /Stopped by ben .*Release not confirmed/);
+  bar.know(false);
+  assert.match(text(), /not known now/, "somebody else may release it");
 });
 
 test("a robot that is released, though the answer was lost, is not said to be not released", async () => {
