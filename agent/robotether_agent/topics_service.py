@@ -210,29 +210,24 @@ class TopicStream:
     ) -> None:
         self._relay = relay
         self._rosbridge = rosbridge
-        self._is_parts = "fragment_size" in subscription
         queue_length = subscription.get("queue_length", 0)
         self._queue: MessageQueue[WSMsgType] = MessageQueue(
-            queue_length if isinstance(queue_length, int) else 0, is_parts=self._is_parts
+            queue_length if isinstance(queue_length, int) else 0
         )
         # Of rosbridge, to the relay's pings.
         self._pongs: deque[bytes] = deque(maxlen=MAX_PONGS)
         self._clock = asyncio.get_running_loop().time
         self._has_message = asyncio.Event()
-        self._has_room = asyncio.Event()
         self._is_over = False
         # Why rosbridge ended it, for people; empty: it did not say.
         self.why = ""
         self.code = WSCloseCode.OK
 
     async def read(self) -> None:
-        """Take what rosbridge sends until it ends, and the message that is being sent; parts wait in rosbridge."""
+        """Take what rosbridge sends until it ends, and the message that is being sent."""
         while (message := await self._next()) is not None:
             self._queue.push(*message, self._clock())
             self._has_message.set()
-            while self._is_parts and self._queue:
-                self._has_room.clear()
-                await self._has_room.wait()
         # The relay reads a close frame, and why it ended, only behind a whole message.
         self._is_over = True
         async with self._relay.sending:
@@ -245,7 +240,6 @@ class TopicStream:
             self._has_message.clear()
             while self._queue and not self._is_over:
                 message, kind = self._queue.pop()
-                self._has_room.set()
                 await self._relay.send_message(message, kind)
             while self._pongs and not self._queue:
                 await self._relay.pong(self._pongs.popleft())

@@ -29,8 +29,6 @@ RECEIVED, MAX_HEAD_BYTES = re.compile(rb"cmsg\xa3dsecs.{1,9}?ensecs.{1,9}?ebytes
 MAX_WAITING_BYTES = 256 * 1024
 FRESH_BYTES = 16 * 1024
 OLD_AFTER_S = 0.5
-# Maximum size of the waiting parts of messages, none of which can be missed.
-MAX_PARTS_BYTES = 16 * 1024 * 1024
 
 
 def digest(message: bytes) -> str:
@@ -44,13 +42,10 @@ class MessageQueue(Generic[Kind]):
     """Messages of one topic for one receiver; a slow one gets the newest, and the newest is never dropped.
 
     `queue_length` messages are kept however old they are, as a subscription may request; 0: those that are not old.
-    `is_parts`: they are parts of messages.
     """
 
-    def __init__(self, queue_length: int, *, is_parts: bool) -> None:
+    def __init__(self, queue_length: int) -> None:
         self._max_count = queue_length
-        self._max_bytes = MAX_PARTS_BYTES if is_parts else MAX_WAITING_BYTES
-        self._may_be_old = is_parts or queue_length > 0
         self._messages: deque[tuple[float, bytes, Kind]] = deque()
         self._bytes = 0
 
@@ -71,7 +66,7 @@ class MessageQueue(Generic[Kind]):
         return message, kind
 
     def _is_too_much(self, now_s: float) -> bool:
-        if self._bytes > self._max_bytes or 0 < self._max_count < len(self._messages):
+        if self._bytes > MAX_WAITING_BYTES or 0 < self._max_count < len(self._messages):
             return True
         is_old = now_s - self._messages[0][0] > OLD_AFTER_S
-        return is_old and self._bytes > FRESH_BYTES and not self._may_be_old
+        return is_old and self._bytes > FRESH_BYTES and self._max_count == 0

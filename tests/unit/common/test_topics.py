@@ -12,38 +12,31 @@ def taken(queue):
 
 def test_a_burst_of_small_messages_waits_whole():
     """Who comes next in the same turn of the loop drops nothing."""
-    queue = MessageQueue(0, is_parts=False)
+    queue = MessageQueue(0)
     for number in range(200):
         queue.push(b"%d" % number, "text", 0.0)
     assert taken(queue) == [b"%d" % number for number in range(200)]
 
 
 def test_what_is_old_goes_where_more_waits_than_a_line_soon_takes():
-    queue = MessageQueue(0, is_parts=False)
+    queue = MessageQueue(0)
     for second in range(10):
         queue.push(b"%d" % second * FRESH_BYTES, "text", float(second))
     assert taken(queue) == [b"9" * FRESH_BYTES]
 
 
 def test_the_newest_stays_however_large_it_is():
-    queue = MessageQueue(0, is_parts=False)
+    queue = MessageQueue(0)
     for digit in (b"1", b"2"):
         queue.push(digit * MAX_WAITING_BYTES, "text", 0.0)
     assert [message[:1] for message in taken(queue)] == [b"2"]
 
 
 def test_a_queue_that_was_requested_keeps_its_length():
-    queue = MessageQueue(3, is_parts=False)
+    queue = MessageQueue(3)
     for second in range(10):
         queue.push(b"%d" % second * FRESH_BYTES, "text", float(second))
     assert [message[:1] for message in taken(queue)] == [b"7", b"8", b"9"]
-
-
-def test_parts_of_messages_are_not_dropped_for_their_age():
-    queue = MessageQueue(0, is_parts=True)
-    for second in range(10):
-        queue.push(b"%d" % second * MAX_WAITING_BYTES, "text", float(second))
-    assert len(queue) == 10
 
 
 @pytest.mark.parametrize("secs", [7, 2**31])

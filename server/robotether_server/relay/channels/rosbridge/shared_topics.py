@@ -48,7 +48,7 @@ MAX_LARGE_BYTES = 32 * 1024 * 1024
 # Time for which what the robot names as repeated may still come by the topic's own connection, as a new message.
 REPEAT_AFTER_S = 0.3
 # Members of a request that rosbridge does not get, or not as text.
-NOT_SENT = ("qos", "short_name")
+NOT_SENT = ("qos", "fragment_size", "short_name")
 UNKEPT = f"its last message is not kept: the large ones of this robot take over {MAX_LARGE_BYTES >> 20} MB"
 
 
@@ -56,15 +56,16 @@ UNKEPT = f"its last message is not kept: the large ones of this robot take over 
 class TopicRequest:
     """What is requested of a topic, as rosbridge's fields of the same names; None and 0 are its defaults.
 
-    `qos` is JSON. `short_name` is the topic's name as the client gave it, without the first slash: its messages have
-    that name, as rosbridge's have. None: it gave the whole name.
+    `qos` is JSON. Two that differ in what each client's relay does share a topic: `fragment_size` is the length of the
+    texts of which the client gets a longer message. `short_name` is the topic's name as the client gave it, without the
+    first slash: its messages have that name, as rosbridge's have. None: it gave the whole name.
     """
 
     topic: str
     type: str | None = None
     throttle_rate: int = 0
     queue_length: int = 0
-    fragment_size: int | None = None
+    fragment_size: int | None = field(default=None, compare=False)
     compression: str = "none"
     qos: bytes | None = None
     short_name: str | None = field(default=None, compare=False)

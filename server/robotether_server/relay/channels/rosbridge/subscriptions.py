@@ -6,8 +6,10 @@ A `Bridge` has both. Each topic is shared with all who request the same, and a s
 from __future__ import annotations
 
 import asyncio
+import itertools
+import math
 from collections import deque
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 from aiohttp import WSMsgType
@@ -26,6 +28,7 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     combined,
 )
 from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.http.event_loop import next_turn
 from robotether_server.relay.robots.uplink import UserIds
 
 # Maximum number of statuses that wait for a client.
@@ -104,7 +107,9 @@ class TopicCopies:
         self._shared_topics = shared_topics
         self.joined: dict[str, SharedTopic] = {}
         self._message_ids: dict[str, MessageId] = {}
-        self._short_names: dict[str, str] = {}
+        # What is requested of each topic that has a queue.
+        self._requested: dict[str, TopicRequest] = {}
+        self._fragmented = itertools.count(1)
         self._queues: dict[str, MessageQueue[WSMsgType]] = {}
         self._statuses: deque[tuple[bytes, WSMsgType]] = deque(maxlen=MAX_STATUSES)
         self._due = asyncio.Event()
@@ -114,9 +119,10 @@ class TopicCopies:
 
     def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:
         """A message of a topic came."""
-        if (short_name := self._short_names.get(topic)) is not None:
-            message = renamed(message, topic, short_name)
-        if not self._at_once(message, kind):
+        requested = self._requested[topic]
+        if requested.short_name is not None:
+            message = renamed(message, topic, requested.short_name)
+        if requested.fragment_size is not None or not self._at_once(message, kind):
             self._queues[topic].push(message, kind, self._clock())
             self._wake()
 
@@ -140,10 +146,21 @@ class TopicCopies:
             self._due.clear()
             while self._statuses:
                 await deliver(*self._statuses.popleft())
-            while waiting := [queue for queue in self._queues.values() if queue]:
-                for queue in waiting:
-                    if queue:
-                        await deliver(*queue.pop())
+            while waiting := [topic for topic, queue in self._queues.items() if queue]:
+                for topic in waiting:
+                    if queue := self._queues.get(topic):
+                        await self._deliver(deliver, self._requested[topic], *queue.pop())
+
+    async def _deliver(
+        self, deliver: Deliver, requested: TopicRequest, message: bytes, kind: WSMsgType
+    ) -> None:
+        size, count = requested.fragment_size, 0
+        if size is None or kind is not WSMsgType.TEXT or len(message) <= size:
+            await deliver(message, kind)
+            return
+        for fragment in fragments(message, size, next(self._fragmented)):
+            count = await next_turn(count)
+            await deliver(fragment, kind)
 
     def close(self) -> None:
         """End all subscriptions."""
@@ -160,9 +177,8 @@ class TopicCopies:
     ) -> None:
         """Share what is requested of a topic now; None: nothing."""
         self._message_ids[topic] = message_id
-        self._short_names.pop(topic, None)
-        if subscription is not None and subscription.short_name is not None:
-            self._short_names[topic] = subscription.short_name
+        if subscription is not None:
+            self._requested[topic] = subscription
         joined = self.joined.get(topic)
         if joined is not None:
             if joined.key == subscription:
@@ -174,10 +190,10 @@ class TopicCopies:
             self.held.release(topic)
         if subscription is None:
             del self._message_ids[topic]
+            self._requested.pop(topic, None)
             self._queues.pop(topic, None)
             return
-        is_parts = subscription.fragment_size is not None
-        self._queues[topic] = MessageQueue(subscription.queue_length, is_parts=is_parts)
+        self._queues[topic] = MessageQueue(subscription.queue_length)
         try:
             shared = self._shared_topics.join(self._robot, subscription, self, self._limit)
         except TopicRefusedError as refused:
@@ -204,6 +220,16 @@ def renamed(message: bytes, topic: str, name: str) -> bytes:
         if write(topic) in head:
             return message.replace(write(topic), write(name), 1)
     return message
+
+
+def fragments(message: bytes, size: int, number: int) -> Iterator[bytes]:
+    """Yield a text as rosbridge's fragments of up to `size` characters each; the number tells it from other texts."""
+    text = message.decode(errors="replace")
+    total = math.ceil(len(text) / size)
+    for num in range(total):
+        part = text[num * size : (num + 1) * size]
+        members = {"op": "fragment", "id": str(number), "data": part, "num": num, "total": total}
+        yield write_json(members)
 
 
 def _cbor_text(text: str) -> bytes:

@@ -85,16 +85,24 @@ async def test_messages_have_the_name_that_each_client_gave(relay, robot, observ
     """Clients hand a message on by it; the robot knows the whole name alone."""
     names = ["/odom", "odom"]
     sockets = [await observe({**ODOM, "topic": name}) for name in names]
+    sockets.append(await observe({**ODOM, "topic": "odom", "fragment_size": 100}))
     await until(lambda: len(robot.topics) == 1, "the robot has a subscription")
     [topic] = relay.relay.shared_topics._tasks
-    await until(lambda: len(topic.users) == 2, "both share it")
-    await robot.send_to_topics(
-        b'{"op": "publish", "topic": "/odom", "msg": {"child_frame_id": "/odom"}}'
-    )
-    for name, socket in zip(names, sockets, strict=True):
+    await until(lambda: len(topic.users) == 3, "all share it")
+    msg = {"child_frame_id": "/odom", "text": '"é"' * 100}
+    message = {"op": "publish", "topic": "/odom", "msg": msg}
+    await robot.send_to_topics(json.dumps(message, ensure_ascii=False).encode())
+    for name, socket in zip(names, sockets, strict=False):
         while (message := await socket.receive_json(timeout=WAIT_S))["op"] != "publish":
             pass  # the robot repeats what it gets
-        assert message == {"op": "publish", "topic": name, "msg": {"child_frame_id": "/odom"}}
+        assert message == {"op": "publish", "topic": name, "msg": msg}
+    parts = []
+    while not parts or len(parts) < parts[0]["total"]:
+        part = await sockets[2].receive_json(timeout=WAIT_S)
+        parts += [part] if part["op"] == "fragment" else []
+    assert [(part["id"], part["num"]) for part in parts] == [("1", n) for n in range(len(parts))]
+    assert max(len(part["data"]) for part in parts) == 100
+    assert json.loads("".join(part["data"] for part in parts)) == message
     assert subscribed(robot) == [ODOM]
 
 
@@ -114,7 +122,8 @@ def test_several_of_one_client_are_merged_as_rosbridge_merges_them():
             TopicRequest("/a", "a/B", 50, 7, None, "cbor", b'{"depth":1}'),
         ]
     )
-    assert both == TopicRequest("/a", "a/B", 50, 5, 2000, "cbor", b'{"depth":1}')
+    assert both == TopicRequest("/a", "a/B", 50, 5, None, "cbor", b'{"depth":1}')
+    assert both.fragment_size == 2000
     png = replace(TopicRequest("/a", compression="png"), short_name="a")
     assert combined([png]).compression == "none", "a PNG would have the whole name"
 
