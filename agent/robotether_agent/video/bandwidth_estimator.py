@@ -20,8 +20,8 @@ bytes under way, both measured over rounds of at least a round trip:
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from math import sqrt
+from typing import NamedTuple
 
 MIN_ROUND_S = 0.04
 # Minimum part of a round during which a sender waited for the window, so that the round measures
@@ -62,8 +62,7 @@ SEARCH_GAIN = 1.15
 SPEED_GAIN = 1.25
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """One look at a connection; the two counts of bytes are of everything since it was made."""
 
     at_s: float
