@@ -17,6 +17,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Literal, NoReturn, cast
 
 from robotether_common.guard import MAX_NUMBER, STAMP, RefusedKind
@@ -43,6 +44,8 @@ Vector = tuple[float, float, float]
 
 PATTERN = re.compile(rf"[A-Za-z0-9_/*]{{1,{MAX_GLOB_LENGTH}}}")
 MAX_ID_LENGTH = 256
+# Maximum number of names of which it is cached whether they are drive topics; clients use few.
+KNOWN_NAMES = 256
 # Maximum number of values in a message, counted as the relay does; reading them delays the zeros by up
 # to 0.1 s, on a small computer by 0.4 s.
 MAX_VALUES = 200_000
@@ -100,12 +103,9 @@ class DriveTopics:
             if not PATTERN.fullmatch(pattern):
                 raise ValueError(f"{pattern[:80]!r} is not a name of a topic, with * for any text")
         self.patterns = tuple(patterns)
-        self._globs = Globs(patterns)
+        # Whether a full name is a drive topic's.
+        self.match = lru_cache(KNOWN_NAMES)(Globs(patterns).match)
         self._last_parts = Globs(pattern.rpartition("/")[2] for pattern in patterns)
-
-    def match(self, full: str) -> bool:
-        """Return whether a full name is a drive topic's."""
-        return self._globs.match(full)
 
     def might_be(self, relative: str) -> bool:
         """Return whether a name without a first slash could be a drive topic's in some namespace of the robot."""
