@@ -183,6 +183,8 @@ class RobotRecorder:
         # The last message of the topic control, with which each file begins, and what it says.
         self._control: RecordedMessage | None = None
         self._control_members: Mapping[str, Any] | None = None
+        # When the newest recording began; no message of a file is older than its first.
+        self._begun_ns = 0
 
     @property
     def is_collecting(self) -> bool:
@@ -214,9 +216,10 @@ class RobotRecorder:
         recording.note_driver(self.state.driver)
         recording.note_left_out(self._left_out)
         self.recordings[recording_id] = recording
+        self._begun_ns = time.time_ns()
         recent = self._recent.all() if with_recent and self._recent is not None else []
         if not recent and self._control is not None:
-            recent = [self._control._replace(log_ns=time.time_ns())]
+            recent = [self._control._replace(log_ns=self._begun_ns)]
         for message in recent:
             self._write_to(recording, message)
         self._observe()
@@ -246,6 +249,7 @@ class RobotRecorder:
     def on_lost(self, heard_ns: int) -> None:
         """The relay is lost, or something of what it sent, after this time."""
         self.state.lose(time.monotonic())
+        heard_ns = max(heard_ns, self._begun_ns)
         self._write_own("control", {**UNKNOWN_CONTROL, "stamp": stamp_of(heard_ns)}, heard_ns)
 
     def _write_own(self, topic: str, message: Mapping[str, Any], at_ns: int) -> None:

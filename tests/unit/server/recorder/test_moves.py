@@ -50,9 +50,10 @@ class RecorderOfCell:
         await self.service.step()
 
     def controls(self, number):
-        """Who drove by a file that ended, in the order of the times; None: unknown."""
+        """Who drove by a file that ended, in the order of their times; None: unknown."""
         read = read_recording(path_of(self.folder, number))
-        controls = sorted(each for each in read if isinstance(each, RecordedControl))
+        controls = [each for each in read if isinstance(each, RecordedControl)]
+        assert controls == sorted(controls, key=lambda control: control.at_ns)
         return [None if each.fence < 0 else each.is_driven for each in controls]
 
 
@@ -121,7 +122,7 @@ async def test_who_drives_is_unknown_while_the_relay_is_away(cells, database, ro
     with database.transaction() as tx:
         recordings.request_stop(tx, number)
     await recorder.service.step()
-    assert recorder.controls(number) == [None, True, True]
+    assert recorder.controls(number) == [True, None, True]
 
 
 async def test_nothing_begins_on_what_a_lost_relay_last_said(
