@@ -181,25 +181,6 @@ async def test_what_passes_by_itself_is_written_with_who_drove(bare, sim1, monke
     assert bare.ended() == [(sim1.id, 1)]
 
 
-async def test_the_right_to_drive_is_asked_for_of_who_waits_at_this_robot(bare, sim1):
-    asked = []
-
-    def may_drive(user_id, robot_id):
-        asked.append((user_id, robot_id))
-        return len(asked) == 1
-
-    await bare.drives(ANN)
-    bare.leasing.ask(sim1, asker(BEN))
-    line_count = len(bare.lines)
-    bare.leasing.keep_only(may_drive)
-    assert bare.leasing.of(sim1.id).request is not None
-    assert len(bare.lines) == line_count
-    bare.leasing.keep_only(may_drive)
-    assert bare.leasing.of(sim1.id).request is None
-    assert len(bare.lines) == line_count + 1
-    assert asked == [(BEN.id, sim1.id)] * 2
-
-
 async def test_a_claim_that_is_lost_meanwhile_hears_to_whom(
     bare, sim1, memory_database, monkeypatch
 ):

@@ -84,14 +84,6 @@ async def test_the_newest_message_wins_at_the_rate_of_the_route(world):
     assert len(world.published()) <= 2 + 5 * (time.monotonic() - begun_s)
 
 
-async def test_a_topic_that_the_policy_of_the_target_refuses_gets_nothing(world):
-    _set_policy(world, TARGET, {"manage": {"publish": ["/chatter"]}})
-    world.database.routes = [replace(FOLLOW, target_topic="/goal_pose", type="a/msg/B")]
-    await until(lambda: world.source.topics, "the source is subscribed")
-    await world.send_until(lambda: "policy" in world.why())
-    assert world.target.received == []
-
-
 async def test_a_number_that_json_lacks_goes_to_no_robot(world):
     await start(world, FOLLOW)
     why = "a number in the message is NaN or infinite, which no robot reads"
