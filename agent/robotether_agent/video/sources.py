@@ -253,8 +253,10 @@ class Sources:
             raise SourceDownError(f"rosbridge has no images of {printable(name, 100)}")
         try:
             await run_rosbridge(self._graph, compressed, IMAGE_TYPE, source_request.fps, on_frame)
-        except NotJpegError:
-            if has_raw and has_pyav():
+        except NotJpegError as no_jpeg:
+            if has_raw and not has_pyav():
+                raise SourceDownError(f"{no_jpeg}; {PYAV_MISSING}") from no_jpeg
+            if has_raw:
                 self._only_raw.add(name)
             raise
 

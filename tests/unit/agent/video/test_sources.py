@@ -320,6 +320,14 @@ async def test_raw_images_of_rosbridge(run, topics):
         await shows_raw(rosbridge, taken)
 
 
+@pytest.mark.usefixtures("no_pyav")
+async def test_images_that_are_no_jpegs_name_what_would_show_the_raw_ones(run):
+    async with FakeRosbridge(RAW | IMAGES) as rosbridge:
+        running, _ = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
+        await publish_png(rosbridge, "png")
+        await fails(running, "not JPEG; PyAV is not installed .*install-video")
+
+
 async def test_raw_images_that_web_video_server_cannot_convert_come_from_rosbridge(run):
     async with FakeVideoServer("ends") as server, FakeRosbridge(RAW) as rosbridge:
         rosbridge.publishers = ["/depth"]
