@@ -315,7 +315,7 @@ ensure_packages() {
   if [ -z "$missing" ]; then return; fi
   step "installing the distribution's packages $missing (they stay, whatever happens later)"
   export DEBIAN_FRONTEND=noninteractive
-  apt-get update -qq </dev/null || fail "cannot fetch apt's lists: see above"
+  apt-get update -qq </dev/null || fail "cannot fetch apt's lists: see above; $clock"
   # shellcheck disable=SC2086 # a list of words
   apt-get install -y -qq --no-install-recommends $missing </dev/null >/dev/null ||
     fail "cannot install $missing: see apt's message above"
@@ -340,7 +340,7 @@ ensure_agent() {
   if [ -n "$wheelhouse" ]; then set -- --no-index --find-links "$wheelhouse"; else set --; fi
   PYTHONPATH=$files/$wheel python3 -m robotether_agent.install \
     "$venv" "$files/$wheel" "$files/requirements.txt" --no-cache-dir "$@" ||
-    fail 'cannot install the Python packages: see above. Without internet, install the server'"'"'s /agent.deb first, or use --wheelhouse DIR'
+    fail "cannot install the Python packages: see above; $clock. Without internet, install the server's /agent.deb first, or use --wheelhouse DIR"
 }
 
 has_video() {
@@ -495,7 +495,7 @@ tell_result() {
     robot=$(sed -n 's/.*"robot": "\([^"]*\)".*/\1/p' "$STATE/enrolment.json")
     say "done: this robot is $robot, at https://$server/robots/$robot"
     grep -q '^rosbridge *ok' "$work/status" ||
-      say "rosbridge does not answer yet ($(sed -n 's/^rosbridge *//p' "$work/status")): start it whenever you like, nothing else is needed"
+      say "rosbridge has not answered yet ($(sed -n 's/^rosbridge *//p' "$work/status")): start it whenever you like, nothing else is needed"
     sed -n 's/^warning */WARNING: /p' "$work/status" | while read -r line; do say "$line"; done
   else
     cat "$work/status" >&2
@@ -567,7 +567,7 @@ ask() {
 main() {
   set -eu
   umask 022
-  work='' undo_steps='' did=''
+  work='' undo_steps='' did='' clock="this machine's clock says $(date -u '+%F %R') UTC (a wrong one makes certificates invalid)"
   trap at_exit EXIT
   trap 'exit 130' HUP INT TERM
   read_options "$@"
