@@ -417,7 +417,9 @@ class RecorderService:
             least = min(space.size * MIN_FREE_PART, MAX_MIN_FREE_BYTES)
             self._is_disk_low = space.free < least
             quota_left = max(1 - self._bytes / self._settings.max_bytes, 0.0)
-            await self._store.write_room(min(space.free_part, quota_left))
+            # A disk that took no file has no room, whatever it says.
+            is_writable = now >= self._paused_until
+            await self._store.write_room(min(space.free_part, quota_left) if is_writable else 0.0)
 
     async def _delete_old(self) -> None:
         now = time.monotonic()

@@ -17,7 +17,7 @@ from relay_server import MESSAGE_LIMIT, TICKET_KEY, until
 from robotether_common.codecs import H264
 from robotether_server.db.recordings import RecordableRobot, RecordingRow
 from robotether_server.disks import DiskSpace
-from robotether_server.recorder import observer, relay_client, service
+from robotether_server.recorder import observer, relay_client, robot_recorder, service
 from robotether_server.recorder.relay_client import RelayChannel, RelayClient
 from robotether_server.recorder.service import RecorderService
 from robotether_server.relay.channels import recorder as channel
@@ -372,6 +372,17 @@ async def test_a_recording_leaves_some_of_the_disk_free(recorder, store, monkeyp
     await until(lambda: store.free_part == 0.04, "the disk is measured")
     monkeypatch.setattr(service, "read_space", lambda _folder: DiskSpace(10**9 - 1, 10**11))
     await until(lambda: store.code() == "disk_full", "it ended")
+
+
+async def test_where_no_file_can_be_written_there_is_no_room(recorder, store, monkeypatch):
+    def refuse(_path):
+        raise OSError("read-only file system")
+
+    monkeypatch.setattr(robot_recorder, "McapFile", refuse)
+    await until(lambda: store.free_part, "there is room")
+    store.ask()
+    await until(lambda: store.code() == "disk_full", "it ended")
+    await until(lambda: store.free_part == 0, "there is none")
 
 
 async def test_a_quota_of_the_site_that_is_reached_ends_the_recording(recorder, store, settings):
