@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import struct
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
@@ -28,6 +27,7 @@ from robotether_common.topics import (
     MAX_TOPICS,
     MessageQueue,
     digest,
+    websocket_header,
 )
 
 from robotether_agent.describe_error import describe_error
@@ -62,6 +62,8 @@ REPEATED_WITHIN_S = 2.0
 MAX_PONGS = 64
 # Maximum size of what a topic sends in a second that does not count as bulk.
 BULK_AFTER_BYTES = 8 * 1024
+# Flag of a whole message in its first byte (RFC 6455, 5.2).
+WHOLE = 0x80
 # What a subscription may hold.
 MEMBERS = frozenset(
     ("op", "topic", "type", "throttle_rate", "queue_length", "fragment_size", "compression", "qos")
@@ -98,7 +100,7 @@ class RelaySocket(web.WebSocketResponse):
     async def send_message(self, message: bytes, kind: WSMsgType) -> None:
         """Send a message, in as many pieces as it gets turns."""
         async with self.sending:
-            await self._pass(message_header(kind, len(message)) + message)
+            await self._pass(websocket_header(WHOLE | kind, len(message)) + message)
 
     async def _pass(self, frame: bytes) -> None:
         rest = memoryview(frame)
@@ -120,16 +122,6 @@ class RelaySocket(web.WebSocketResponse):
         if now_s - self._second[1] > 1.0:
             self._second = (self._sent, now_s)
         return self._sent + waiting - self._second[0] > BULK_AFTER_BYTES
-
-
-def message_header(kind: WSMsgType, size: int) -> bytes:
-    """Write the WebSocket header (RFC 6455, 5.2) of a whole message without a mask."""
-    first = 0x80 | kind
-    if size < 126:  # noqa: PLR2004  # the RFC's own number
-        return struct.pack("!BB", first, size)
-    if size < 2**16:
-        return struct.pack("!BBH", first, 126, size)
-    return struct.pack("!BBQ", first, 127, size)
 
 
 class TopicsService:
