@@ -1,9 +1,6 @@
 """Fixtures for tests that need the real database: one server a run, clean tables a test."""
 
-from __future__ import annotations
-
 import os
-from collections.abc import Iterator
 from functools import cache
 from inspect import unwrap
 from pathlib import Path
@@ -12,7 +9,6 @@ from types import CodeType, FunctionType, ModuleType
 import mariadb_server
 import pytest
 from hypothesis import HealthCheck, Phase, settings
-from mariadb_server import MariaDb
 from robotether_server.db import Database
 from robotether_server.db.migrate import (
     migrate,
@@ -36,7 +32,7 @@ NAMES = {
 }
 
 
-def marks_of(item: pytest.Item) -> list[str]:
+def marks_of(item):
     """Say what a test, its fixtures, or code of the tests that they name, however far, may do."""
     if not isinstance(item, pytest.Function):
         return list(NAMES)
@@ -51,7 +47,7 @@ def marks_of(item: pytest.Item) -> list[str]:
     return [mark for mark in NAMES if any(may(mark, function) for function in functions[mark])]
 
 
-def fixtures_of(item: pytest.Function) -> Iterator[object]:
+def fixtures_of(item):
     """Functions of the fixtures that a test asks for, also by way of others."""
     found = item._fixtureinfo.name2fixturedefs
     asked = {mark for marker in item.iter_markers("usefixtures") for mark in marker.args}
@@ -66,9 +62,9 @@ def fixtures_of(item: pytest.Function) -> Iterator[object]:
 
 
 @cache
-def may(mark: str, start: object) -> bool:
+def may(mark, start):
     """Whether the function or class names what the mark is about, or something of the tests that does."""
-    seen: set[object] = set()
+    seen = set()
     waiting = {start}
     while waiting:
         found = waiting.pop()
@@ -81,7 +77,7 @@ def may(mark: str, start: object) -> bool:
 
 
 @cache
-def named_by(found: object) -> tuple[frozenset[str], frozenset[object]]:
+def named_by(found):
     """All names that a function or class looks up, and the functions and classes behind them."""
     every, reached = set[str](), set[object]()
     for function in functions_of(found):
@@ -94,7 +90,7 @@ def named_by(found: object) -> tuple[frozenset[str], frozenset[object]]:
     return frozenset(every), frozenset(reached)
 
 
-def functions_of(found: object) -> Iterator[FunctionType]:
+def functions_of(found):
     """Functions of the tests' own code: the function itself, or a class's."""
     if isinstance(found, type):
         inside = [value for base in found.__mro__ for value in vars(base).values()]
@@ -109,7 +105,7 @@ def functions_of(found: object) -> Iterator[FunctionType]:
 
 
 @cache
-def names_in(code: CodeType) -> frozenset[str]:
+def names_in(code):
     inner = (names_in(const) for const in code.co_consts if isinstance(const, CodeType))
     return frozenset(code.co_names).union(*inner)
 
@@ -158,7 +154,7 @@ TABLES = (
 )
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Mark the tests that start processes or wait, so that `make check` can leave them out."""
     for item in items:
         for mark in marks_of(item):
@@ -166,7 +162,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def mariadb(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MariaDb]:
+def mariadb(tmp_path_factory):
     """A MariaDB server of this run alone, migrated."""
     with mariadb_server.running(tmp_path_factory.mktemp("secrets")) as server:
         ranges = (FIRST_PORT, LAST_PORT, FIRST_SHELL_PORT, LAST_SHELL_PORT)
@@ -175,7 +171,7 @@ def mariadb(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MariaDb]:
 
 
 @pytest.fixture
-def admin_database(mariadb: MariaDb) -> Database:
+def admin_database(mariadb):
     """The database as account migrate, which may read and change every table; emptied."""
     database = Database(mariadb.settings("migrate"))
     with database.transaction() as tx:
@@ -190,26 +186,26 @@ def admin_database(mariadb: MariaDb) -> Database:
 
 
 @pytest.fixture
-def database(mariadb: MariaDb, admin_database: Database) -> Database:
+def database(mariadb, admin_database):
     """The emptied database as account web, as the product itself uses it."""
     return Database(mariadb.settings("web"))
 
 
 @pytest.fixture
-def relay_database(mariadb: MariaDb, database: Database) -> Database:
+def relay_database(mariadb, database):
     """The emptied database as account relay."""
     assert database
     return Database(mariadb.settings("relay"))
 
 
 @pytest.fixture
-def recorder_database(mariadb: MariaDb, database: Database) -> Database:
+def recorder_database(mariadb, database):
     """The emptied database as account recorder."""
     assert database
     return Database(mariadb.settings("recorder"))
 
 
 @pytest.fixture
-def sql_dir() -> Path:
+def sql_dir():
     """The folder of the migrations."""
     return SQL_DIR

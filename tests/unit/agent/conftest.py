@@ -1,7 +1,5 @@
 """Fixtures of the agent's tests: short directories, a fake cloud, the robot's own services, no leftovers."""
 
-from __future__ import annotations
-
 import asyncio
 import inspect
 import os
@@ -9,11 +7,9 @@ import shutil
 import socket
 import sys
 import tempfile
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AsyncExitStack, suppress
 from pathlib import Path
 from random import Random
-from typing import Any
 
 import pytest
 from aiohttp import WSMsgType, web
@@ -21,23 +17,23 @@ from fake_cloud import FakeCloud, agent_environ, eventually
 from openssh_server import command_line, descendants, wait_until
 from robotether_agent.daemon import Agent
 from robotether_agent.rosbridge import RosGraph
-from robotether_agent.settings import Settings, load
+from robotether_agent.settings import load
 from robotether_agent.status import Status, read_status
 from robotether_agent.systemd import Notifier
 
 
 class Hasty(Random):
-    def uniform(self, a: float, b: float) -> float:
+    def uniform(self, a, b):
         return 0.05 + 0 * (a + b)
 
 
 # How a process of Python's begins another one, as audit events.
 STARTS = frozenset({"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.system"})
 # Once a test begins a process: those that were below this one before. To look at all of a machine takes time.
-processes_before: list[set[int]] = []
+processes_before = []
 
 
-def note_start(event: str, _: object) -> None:
+def note_start(event, _):
     if event in STARTS and not processes_before:
         processes_before.append(set(descendants(os.getpid())))
 
@@ -46,12 +42,12 @@ sys.addaudithook(note_start)
 
 
 @pytest.fixture(autouse=True)
-def no_processes_left() -> Iterator[None]:
+def no_processes_left():
     """Fails a test that leaves a process behind."""
     processes_before.clear()
     yield
 
-    def left() -> list[int]:
+    def left():
         return [pid for pid in descendants(os.getpid()) if pid not in processes_before[0]]
 
     if processes_before:
@@ -59,18 +55,18 @@ def no_processes_left() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def no_tasks_left(request: pytest.FixtureRequest) -> None:
+def no_tasks_left(request):
     """Fails a test that leaves a task of the event loop behind; one without a loop gets none for it."""
     if inspect.iscoroutinefunction(request.function):
         request.getfixturevalue("tasks_that_end")
 
 
 @pytest.fixture
-async def tasks_that_end() -> AsyncIterator[None]:
+async def tasks_that_end():
     before = asyncio.all_tasks()
     yield
 
-    def left() -> set[object]:
+    def left():
         return asyncio.all_tasks() - before - {asyncio.current_task()}
 
     # A server of the test's may still learn that its client is gone.
@@ -78,11 +74,11 @@ async def tasks_that_end() -> AsyncIterator[None]:
 
 
 @pytest.fixture
-async def spawn() -> AsyncIterator[Callable[[Awaitable[Any]], asyncio.Future[Any]]]:
+async def spawn():
     """Starts tasks, and ends them with the test."""
-    tasks: list[asyncio.Future[Any]] = []
+    tasks = []
 
-    def start(work: Awaitable[Any]) -> asyncio.Future[Any]:
+    def start(work):
         tasks.append(asyncio.ensure_future(work))
         return tasks[-1]
 
@@ -93,11 +89,11 @@ async def spawn() -> AsyncIterator[Callable[[Awaitable[Any]], asyncio.Future[Any
 
 
 @pytest.fixture
-async def make_graph() -> AsyncIterator[Callable[[str], RosGraph]]:
+async def make_graph():
     """Makes connections to rosapi; a fixture that uses them in tasks names `spawn` after this one."""
     async with AsyncExitStack() as graphs:
 
-        def make(url: str) -> RosGraph:
+        def make(url):
             graph = RosGraph(url)
             graphs.push_async_callback(graph.close)
             return graph
@@ -106,7 +102,7 @@ async def make_graph() -> AsyncIterator[Callable[[str], RosGraph]]:
 
 
 @pytest.fixture
-def place() -> Iterator[Path]:
+def place():
     """A short directory: a Unix socket's path is at most 107 bytes long."""
     made = Path(tempfile.mkdtemp(prefix="rt-"))
     yield made
@@ -114,10 +110,10 @@ def place() -> Iterator[Path]:
 
 
 @pytest.fixture
-async def make_cloud() -> AsyncIterator[Callable[[str], Any]]:
-    made: list[FakeCloud] = []
+async def make_cloud():
+    made = []
 
-    async def make(mode: str = "serves") -> FakeCloud:
+    async def make(mode="serves"):
         cloud = FakeCloud(mode)
         made.append(cloud)
         await cloud.start()
@@ -129,12 +125,12 @@ async def make_cloud() -> AsyncIterator[Callable[[str], Any]]:
 
 
 @pytest.fixture
-async def cloud(make_cloud: Callable[[], Any]) -> FakeCloud:
+async def cloud(make_cloud):
     return await make_cloud()
 
 
 @pytest.fixture
-def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
+def pair():
     with socket.create_server(("127.0.0.1", 0)) as listening:
         here = socket.create_connection(listening.getsockname())
         there, _ = listening.accept()
@@ -143,7 +139,7 @@ def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
 
 
 @pytest.fixture
-def connection(pair: tuple[socket.socket, socket.socket]) -> socket.socket:
+def connection(pair):
     """A connection whose other end is open, too."""
     return pair[0]
 
@@ -151,13 +147,13 @@ def connection(pair: tuple[socket.socket, socket.socket]) -> socket.socket:
 class RobotServices:
     """What runs on a robot: a WebSocket that echoes, and an HTTP server with one page."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.handshakes = 0
         self.video_status = 200
         self.pages = 0
         self.refuse_sockets = False
 
-    async def start(self) -> None:
+    async def start(self):
         app = web.Application()
         app.router.add_get("/", self._answer)
         self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.2)
@@ -166,10 +162,10 @@ class RobotServices:
         self.port = self._runner.addresses[0][1]
         self.ws_url, self.http_url = (f"{kind}://127.0.0.1:{self.port}" for kind in ("ws", "http"))
 
-    async def stop(self) -> None:
+    async def stop(self):
         await self._runner.cleanup()
 
-    async def _answer(self, request: web.Request) -> web.StreamResponse:
+    async def _answer(self, request):
         if "Upgrade" not in request.headers or self.refuse_sockets:
             self.pages += 1
             return web.Response(text="the list of topics", status=self.video_status)
@@ -183,7 +179,7 @@ class RobotServices:
 
 
 @pytest.fixture
-async def services() -> AsyncIterator[RobotServices]:
+async def services():
     running = RobotServices()
     await running.start()
     yield running
@@ -191,15 +187,15 @@ async def services() -> AsyncIterator[RobotServices]:
 
 
 class RunningAgent:
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings):
         self.settings = settings
         self.task = asyncio.ensure_future(Agent(settings, Notifier(None), Hasty(1)).run())
 
-    def status(self) -> Status:
+    def status(self):
         return read_status(self.settings.run_dir) or Status()
 
-    async def until(self, condition: Callable[[Status], bool], what: str) -> Status:
-        def reached() -> bool:
+    async def until(self, condition, what):
+        def reached():
             return condition(self.status())
 
         await eventually(lambda: self.task.done() or reached(), lambda: f"{what}: {self.status()}")
@@ -207,26 +203,24 @@ class RunningAgent:
             self.task.result()
         return self.status()
 
-    async def until_connected(self) -> Status:
+    async def until_connected(self):
         return await self.until(
             lambda status: status.state == "connected" and status.video_tunnel == "open",
             "both tunnels are open",
         )
 
-    async def stop(self) -> None:
+    async def stop(self):
         self.task.cancel()
         with suppress(asyncio.CancelledError):
             await self.task
 
 
 @pytest.fixture
-async def start_agent(
-    place: Path, services: RobotServices
-) -> AsyncIterator[Callable[..., RunningAgent]]:
+async def start_agent(place, services):
     """Starts agents in `place` against a cloud, without a guard, whose start takes a while; stops them at the end."""
-    started: list[RunningAgent] = []
+    started = []
 
-    def start(cloud: FakeCloud, **more: str) -> RunningAgent:
+    def start(cloud, **more):
         urls = {"rosbridge_url": services.ws_url, "video_url": services.http_url}
         environ = agent_environ(cloud, place, **{**urls, "guard": "off", **more})
         agent = RunningAgent(load(None, environ))
@@ -240,7 +234,7 @@ async def start_agent(
 
 
 @pytest.fixture
-async def agent(cloud: FakeCloud, start_agent: Callable[..., RunningAgent]) -> RunningAgent:
+async def agent(cloud, start_agent):
     started = start_agent(cloud)
     await started.until_connected()
     return started

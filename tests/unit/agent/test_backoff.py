@@ -1,7 +1,5 @@
 """When a connection is tried again."""
 
-from __future__ import annotations
-
 from random import Random
 
 import pytest
@@ -28,7 +26,7 @@ from robotether_agent.problems import (
 
 
 class Longest(Random):
-    def uniform(self, a: float, b: float) -> float:
+    def uniform(self, a, b):
         return b
 
 

@@ -1,7 +1,5 @@
 """The command: what each subcommand but `run` prints, and its exit code."""
 
-from __future__ import annotations
-
 import asyncio
 import io
 import json
@@ -10,15 +8,14 @@ import os
 import pwd
 import subprocess
 import sys
-from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
-from fake_cloud import FakeCloud, agent_environ
+from fake_cloud import agent_environ
 from fake_root import FakeRoot
 from robotether_agent import cli as command
 from robotether_agent.cli import identity, main, status
-from robotether_agent.doctor import Finding, fail, ok, skipped
+from robotether_agent.doctor import fail, ok, skipped
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.settings import Settings, load
@@ -31,7 +28,7 @@ needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can become 
 WHO = "import os; print(os.geteuid(), os.getegid(), len(os.getgroups()))"
 
 
-def teardown_module() -> None:
+def teardown_module():
     logging.getLogger().handlers.clear()
 
 
@@ -49,7 +46,7 @@ def test_for_programs_it_is_one_object(place, capsys):
     assert json.loads(capsys.readouterr().out)["is_running"] is False
 
 
-async def joined(cloud: FakeCloud, place, **more: str) -> int:
+async def joined(cloud, place, **more):
     return await asyncio.to_thread(main, ["join"], agent_environ(cloud, place, **more))
 
 
@@ -73,7 +70,7 @@ def test_prints_the_proof_that_a_playbook_brings(place, capsys):
 
 
 @pytest.fixture
-def root(tmp_path) -> FakeRoot:
+def root(tmp_path):
     made = FakeRoot(tmp_path)
     made.add("eth0", MAC, 2)
     return made
@@ -100,7 +97,7 @@ def test_what_it_prints_is_kept(root, place, capsys):
 def test_the_exit_code_is_the_worst_of_all(monkeypatch, capsys, findings, code, last):
     settings = Settings(server="a.example", state_dir=Path("/none"))
 
-    async def run_checks(_: Settings) -> AsyncIterator[Finding]:
+    async def run_checks(_):
         for finding in findings:
             yield finding
 
@@ -130,7 +127,7 @@ def test_doctor_without_root_says_so_before_all_else(place, monkeypatch, capsys)
 
 
 @pytest.fixture
-def robot_environ(place) -> dict[str, str]:
+def robot_environ(place):
     made = {
         "ROBOTETHER_STATE_DIR": str(place / "state"),
         "ROBOTETHER_RUN_DIR": str(place / "run"),
@@ -140,7 +137,7 @@ def robot_environ(place) -> dict[str, str]:
 
 
 class Terminal(io.StringIO):
-    def isatty(self) -> bool:
+    def isatty(self):
         return True
 
 
@@ -184,7 +181,7 @@ def test_not_while_the_agent_runs(robot_environ, place, capsys):
     assert (place / "state/id_ed25519").exists()
 
 
-def child_in(place: Path, more: str) -> str:
+def child_in(place, more):
     """Run Python in a process of its own, since a right that is dropped never comes back."""
     environ = {"PATH": os.environ["PATH"], "PYTHONPATH": ":".join(sys.path)}
     code = f"from pathlib import Path; from robotether_agent import cli; {more.format(place=place)}; {WHO}"

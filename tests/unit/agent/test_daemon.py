@@ -1,13 +1,11 @@
 """The whole agent against a real sshd and a fake relay, with OpenSSH's own client."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
 from robotether_agent import backoff
 from robotether_agent.files import LOCK, ensure_directory, only_one
-from robotether_agent.problems import AgentError, AlreadyRunningError, Retry
+from robotether_agent.problems import AlreadyRunningError, Retry
 
 
 async def test_taken_port_is_told_and_tried_again(make_cloud, start_agent):
@@ -20,7 +18,7 @@ async def test_taken_port_is_told_and_tried_again(make_cloud, start_agent):
     await agent.until_connected()
 
 
-def _slowly_or_at_once(problem: AgentError, *_: object) -> float:
+def _slowly_or_at_once(problem, *_):
     return 60.0 if problem.retry is Retry.SLOWLY else 0.05
 
 
@@ -75,7 +73,7 @@ async def test_works_on_a_read_only_disk(cloud, start_agent):
     await agent.stop()
     state = agent.settings.state_dir
 
-    def stamps() -> dict[str, int]:
+    def stamps():
         return {path.name: path.stat().st_mtime_ns for path in [state, *state.iterdir()]}
 
     before = stamps()

@@ -1,7 +1,5 @@
 """Typed getters name the field that is wrong."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,12 +1,9 @@
 """The probes of the robot's services against real servers, and whom these services answer."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import socket
 import subprocess
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from unittest.mock import AsyncMock
@@ -18,7 +15,7 @@ from fake_rosbridge import FakeRosbridge
 from local_network import free_port
 from robotether_agent import health as health_module
 from robotether_agent.exposure import ADDRESS_ADVICE, FIREWALL_ADVICE, exposed_at, rosbridge_advice
-from robotether_agent.health import Health, HealthReport
+from robotether_agent.health import Health
 from robotether_agent.video import sources as sources_module
 from robotether_agent.video.sources import SourceSettings
 from tcp_service import TcpService
@@ -27,8 +24,8 @@ EVERY_S = 0.1
 
 
 @pytest.fixture
-def watch(make_graph, spawn) -> Callable[..., Health]:
-    def start(rosbridge_url: str, video_url: str, *more: object) -> Health:
+def watch(make_graph, spawn):
+    def start(rosbridge_url, video_url, *more):
         settings = SourceSettings(video_url, rosbridge_url, *more)
         health = Health(settings, make_graph(rosbridge_url), every_s=EVERY_S)
         spawn(health.run())
@@ -37,8 +34,8 @@ def watch(make_graph, spawn) -> Callable[..., Health]:
     return start
 
 
-async def until(health: Health, reached: Callable[[HealthReport], bool]) -> HealthReport:
-    async def follow() -> HealthReport:
+async def until(health, reached):
+    async def follow():
         report = health.report
         while not reached(report):
             report = await health.changed(report)
@@ -58,7 +55,7 @@ async def test_both_ok_over_one_held_handshake(watch, services, monkeypatch, cap
     services.video_status = 200
     await until(health, lambda report: report.video == "ok")
 
-    def held() -> int:
+    def held():
         return services.handshakes - caplog.text.count("[rosbridge_down]")
 
     await eventually(lambda: held() == 2, lambda: f"{held()} clients beside those that were lost")
@@ -76,7 +73,7 @@ IMAGES = {"/camera/image_raw/compressed": "sensor_msgs/msg/CompressedImage"}
 
 
 @pytest.fixture
-def nowhere() -> str:
+def nowhere():
     return f"http://127.0.0.1:{free_port()}"
 
 
@@ -145,7 +142,7 @@ needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="a network namespace n
 
 
 @pytest.fixture
-def network() -> Iterator[None]:
+def network():
     with ExitStack() as made, namespaces.make(made, "exposure").entered():
         yield
 
@@ -214,11 +211,11 @@ def test_a_port_that_answers_over_ipv6_alone_is_told():
 
 
 class OneAnswer(TcpService):
-    def __init__(self, *lines: str) -> None:
+    def __init__(self, *lines):
         super().__init__()
         self._answer = "\r\n".join((*lines, "", "")).encode()
 
-    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _talk(self, reader, writer):
         await reader.readuntil(b"\r\n\r\n")
         writer.write(self._answer)
         await reader.read()
@@ -239,7 +236,7 @@ async def test_what_redirects_is_no_rosbridge(watch):
     ("server", "advice"),
     [("AutobahnPython/17.10.1", FIREWALL_ADVICE), ("TornadoServer/6.4", ADDRESS_ADVICE)],
 )
-async def test_advice_is_what_works_for_this_rosbridge(server: str, advice: str):
+async def test_advice_is_what_works_for_this_rosbridge(server, advice):
     switch = ("HTTP/1.1 101 Switching Protocols", f"Server: {server}", "Connection: Upgrade")
     async with OneAnswer(*switch, "Upgrade: websocket", "Sec-WebSocket-Accept: x") as rosbridge:
         assert await rosbridge_advice(f"ws://127.0.0.1:{rosbridge.port}") == advice

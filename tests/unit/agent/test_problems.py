@@ -1,13 +1,10 @@
 """Problems and reasons: the exception tree, its exit codes, and words that a person can use."""
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import re
 import socket
 import ssl
-from collections.abc import Iterator
 from pathlib import Path
 
 import aiohttp
@@ -21,7 +18,6 @@ UNIT = Path(__file__).parents[3] / "agent/systemd/robotether-agent.service"
 
 def test_systemd_does_not_restart_what_a_person_must_look_at():
     line = re.search(r"^RestartPreventExitStatus=(.*)$", UNIT.read_text(), re.MULTILINE)
-    assert line is not None
     codes = {int(code) for code in line[1].split()}
     assert codes == {ServerKeyChangedError.exit_code, SettingsInvalidError.exit_code}
 
@@ -38,7 +34,7 @@ OF_LIBRARIES = {
 }
 
 
-def refused_certificate(code: int) -> ssl.SSLCertVerificationError:
+def refused_certificate(code):
     error = ssl.SSLCertVerificationError(1, NASTY)
     error.verify_code = code
     return error
@@ -71,13 +67,13 @@ def test_each_reason_is_short_and_on_one_line(error, words):
     assert "\n" not in describe_error(error, 4)
 
 
-def subclasses(kind: type) -> Iterator[type]:
+def subclasses(kind):
     yield kind
     for child in kind.__subclasses__():
         yield from subclasses(child)
 
 
-def built(kind: type[BaseException]) -> Iterator[BaseException]:
+def built(kind):
     """Give this exception as its library fills it, with a text that must not get through."""
     numbers = errno.errorcode if issubclass(kind, OSError) else ()
     for arguments in ((NASTY,), *((number, NASTY) for number in numbers)):

@@ -1,12 +1,8 @@
 """The agent's own connections to rosbridge, and the topics that it passes on."""
 
-from __future__ import annotations
-
 import asyncio
 import json
-from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack
-from typing import Any
 
 import aiohttp
 import pytest
@@ -55,7 +51,7 @@ def test_of_a_broken_answer_the_topics_count_that_are_as_they_should_be():
 
 
 @pytest.fixture
-async def asking() -> AsyncIterator[tuple[FakeRosbridge, RosGraph]]:
+async def asking():
     async with FakeRosbridge({"/a": "a/msg/A"}) as robot:
         graph = RosGraph(robot.url)
         yield robot, graph
@@ -124,14 +120,12 @@ ODOM = {"op": "subscribe", "topic": "/odom"}
 
 
 class World:
-    def __init__(self, rosbridge: FakeRosbridge, http: aiohttp.ClientSession, port: int) -> None:
+    def __init__(self, rosbridge, http, port):
         self.rosbridge = rosbridge
         self._http = http
         self.url = f"http://127.0.0.1:{port}{PATH}"
 
-    async def open(
-        self, subscription: dict[str, Any] | None = None, **query: str
-    ) -> aiohttp.ClientWebSocketResponse:
+    async def open(self, subscription=None, **query):
         subscription = ODOM if subscription is None else subscription
         before = len(self.rosbridge.got)
         relay = await self._http.ws_connect(self.url, params=query, max_msg_size=0)
@@ -144,25 +138,25 @@ class World:
 class SmallTurns(Pacer):
     """Gives turns of 1000 bytes while it is open; `turns` are those that were requested, and whether as bulk."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
-        self.turns: list[tuple[int, bool]] = []
+        self.turns = []
         self.is_open = asyncio.Event()
         self.is_open.set()
 
-    async def acquire(self, requested: int, *, is_bulk: bool = False) -> int:
+    async def acquire(self, requested, *, is_bulk=False):
         self.turns.append((requested, is_bulk))
         await self.is_open.wait()
         return min(requested, 1000)
 
 
 @pytest.fixture
-def pacer() -> SmallTurns:
+def pacer():
     return SmallTurns()
 
 
 @pytest.fixture
-async def world(pacer) -> AsyncIterator[World]:
+async def world(pacer):
     async with FakeRosbridge({}) as rosbridge, timed_session() as http, AsyncExitStack() as ends:
         topics = TopicsService(rosbridge.url, pacer)
         ends.push_async_callback(topics.close)

@@ -1,7 +1,5 @@
 """`robotether-agent run`: a process that systemd and people start, watch and end."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os
@@ -10,12 +8,11 @@ import socket
 import sys
 import threading
 import time
-from asyncio.subprocess import PIPE, Process
-from collections.abc import Callable
+from asyncio.subprocess import PIPE
 from contextlib import suppress
 
 import pytest
-from fake_cloud import WAIT_S, FakeCloud, agent_environ, eventually
+from fake_cloud import WAIT_S, agent_environ, eventually
 from openssh_server import descendants, is_alive
 from robotether_agent import cli as command
 from robotether_agent import systemd
@@ -26,9 +23,9 @@ from robotether_agent.status import read_status
 
 @pytest.fixture
 async def start(place):
-    started: list[Process] = []
+    started = []
 
-    async def run(cloud: FakeCloud, command: str) -> Process:
+    async def run(cloud, command):
         variables = {"PATH": os.environ["PATH"], "PYTHONPATH": ":".join(sys.path)}
         # So that what it runs counts as covered.
         variables |= {key: os.environ[key] for key in os.environ if key.startswith("COVERAGE_")}
@@ -51,8 +48,8 @@ async def start(place):
             await process.communicate()
 
 
-def state_is(place, state: str) -> Callable[[], bool]:
-    def reached() -> bool:
+def state_is(place, state):
+    def reached():
         status = read_status(place / "run")
         return status is not None and status.state == state
 
@@ -112,15 +109,15 @@ def notify_socket(place):
         signal.signal(number, handler)
 
 
-def failing(error: Exception) -> type:
+def failing(error):
     class Failing:
-        def __init__(self, *_: object) -> None:
+        def __init__(self, *_):
             raise error
 
     return Failing
 
 
-def said(notify_socket: socket.socket) -> list[str]:
+def said(notify_socket):
     found = []
     with suppress(BlockingIOError):
         while True:
@@ -168,7 +165,7 @@ def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, noti
     assert command.run(settings, environ) == ServerKeyChangedError.exit_code
 
 
-def teardown_module() -> None:
+def teardown_module():
     logging.getLogger().handlers.clear()
 
 

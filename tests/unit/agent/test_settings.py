@@ -1,7 +1,5 @@
 """agent.toml and the environment: what is allowed, and what a wrong value is told."""
 
-from __future__ import annotations
-
 import string
 import sys
 from contextlib import suppress
@@ -29,7 +27,7 @@ else:
 EXAMPLE = Path(__file__).parents[3] / "agent/agent.toml.example"
 
 
-def written(tmp_path: Path, text: str) -> Path:
+def written(tmp_path, text):
     path = tmp_path / "agent.toml"
     path.write_text(text)
     return path

@@ -1,7 +1,5 @@
 """The status file, and what a person reads from it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from robotether_agent.exposure import PAST_GUARD
@@ -49,7 +47,6 @@ def test_reads_the_file_of_an_earlier_agent(place):
     """`switch` asks the version that it replaces, whose file lacks what came since."""
     (place / "status.json").write_text('{"state": "connected", "robot": "sim1", "written_at": 5.0}')
     found = read_status(place)
-    assert found is not None
     assert (found.state, found.robot, found.guard) == ("connected", "sim1", "unknown")
 
 

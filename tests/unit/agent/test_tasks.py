@@ -1,10 +1,6 @@
 """Running coroutines side by side."""
 
-from __future__ import annotations
-
 import asyncio
-from collections.abc import Coroutine
-from typing import Any
 
 import pytest
 from robotether_agent.tasks import first_of, within
@@ -13,7 +9,7 @@ from robotether_agent.tasks import first_of, within
 async def test_first_of_prefers_the_one_named_first():
     """Of two that fail in one moment the first named counts: a goodbye before a broken pipe."""
 
-    async def failing(text: str) -> None:
+    async def failing(text):
         raise ValueError(text)
 
     with pytest.raises(ValueError, match="goodbye"):
@@ -24,7 +20,7 @@ async def test_first_of_may_end_the_others_in_order():
     """What is named first has ended before the next is told to: the robot stands before its tunnels close."""
     ended = []
 
-    async def lasting(name: str, pause_s: float) -> None:
+    async def lasting(name, pause_s):
         try:
             await asyncio.Event().wait()
         finally:
@@ -41,7 +37,7 @@ async def test_first_of_may_end_the_others_in_order():
     assert ended == ["first", "second"]
 
 
-async def cancel_as_it_ends(work: Coroutine[Any, Any, object], ends: asyncio.Event) -> None:
+async def cancel_as_it_ends(work, ends):
     """Cancel `work` in the turn in which what it waits for has its result."""
     task = asyncio.ensure_future(work)
     for _ in range(3):
@@ -58,11 +54,11 @@ async def test_within_loses_no_result_to_a_cancellation():
     """What was opened in the very moment of a cancellation reaches the one who closes it."""
     opened, log = asyncio.Event(), []
 
-    async def opening() -> str:
+    async def opening():
         await opened.wait()
         return "a socket"
 
-    async def using() -> None:
+    async def using():
         socket = await within(5, opening())
         try:
             log.append(f"has {socket}")

@@ -1,14 +1,11 @@
 """A version's folder is made, takes the other's place or gives it back, and tells how it ended."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil
 import subprocess
 import time
 import venv
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from zipfile import ZipFile
@@ -27,11 +24,10 @@ from robotether_agent.upgrade import (
     Layout,
     PendingUpgrade,
     Upgrade,
-    UpgradeReport,
 )
 
 
-def make_wheel(folder: Path, name: str, requires: str = "", modules: tuple[str, ...] = ()) -> Path:
+def make_wheel(folder, name, requires="", modules=()):
     path = folder / f"{name}-1.0-py3-none-any.whl"
     metadata = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n"
     if requires:
@@ -49,14 +45,14 @@ def make_wheel(folder: Path, name: str, requires: str = "", modules: tuple[str, 
 
 
 @pytest.fixture
-def packages(tmp_path: Path) -> Path:
+def packages(tmp_path):
     make_wheel(tmp_path, "turtle", requires="shell")
     sha256 = hashlib.sha256(make_wheel(tmp_path, "shell").read_bytes()).hexdigest()
     (tmp_path / "requirements.txt").write_text(f"shell==1.0 --hash=sha256:{sha256}\n")
     return tmp_path
 
 
-def install_from(packages: Path, folder: Path) -> int:
+def install_from(packages, folder):
     wheel = packages / "turtle-1.0-py3-none-any.whl"
     options = ("--no-index", "--find-links", str(packages))
     return install(folder, wheel, packages / "requirements.txt", options)
@@ -93,12 +89,12 @@ def test_python_without_a_pip_says_what_to_install(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def pyav(tmp_path: Path) -> Path:
+def pyav(tmp_path):
     (tmp_path / "wheels").mkdir()
     return make_wheel(tmp_path / "wheels", "av", modules=("av/__init__.py", "av.libs/libx264.so"))
 
 
-def add_version(folder: Path, pyav: Path, locked: str = "1.0") -> Path:
+def add_version(folder, pyav, locked="1.0"):
     venv.create(folder, symlinks=True)
     lock = folder / LOCK
     lock.parent.mkdir(parents=True)
@@ -122,22 +118,22 @@ def test_next_version_has_video_without_a_network(pyav, tmp_path):
 WAS, TARGET = Path("/opt/a/versions/1"), Path("/opt/a/versions/2")
 
 
-def version(layout: Layout, name: str) -> Path:
+def version(layout, name):
     return layout.base / "versions" / name
 
 
 class Robot:
-    def __init__(self, place: Path) -> None:
+    def __init__(self, place):
         self.layout = Layout(place / "opt", place / "unit")
         self.run_dir = place / "run"
         self.run_dir.mkdir()
-        self.calls: list[str] = []
+        self.calls = []
         self.state = "active"
-        self.agent: subprocess.Popen[bytes] | None = None
+        self.agent = None
         self.layout.use(self.add("1"))
         self.restart()
 
-    def add(self, name: str, reaches: str = "connected") -> Path:
+    def add(self, name, reaches="connected"):
         path = version(self.layout, name)
         for file, text in ((COMMAND, reaches), (NEW_UNIT, f"unit of {name}")):
             (path / file).parent.mkdir(parents=True)
@@ -145,7 +141,7 @@ class Robot:
         (path / COMMAND).chmod(0o755)
         return path
 
-    def restart(self) -> None:
+    def restart(self):
         self.calls.append("restart")
         self.end()
         reaches = (self.layout.in_use() / COMMAND).read_text()
@@ -156,41 +152,39 @@ class Robot:
         status = Status(state=reaches, problem=problem, pid=self.agent.pid, written_at=time.time())
         write_atomic(self.run_dir / FILE, json.dumps(asdict(status)), 0o644)
 
-    def become(self, state: str) -> None:
+    def become(self, state):
         self.end()
         self.state = state
 
-    def end(self) -> None:
+    def end(self):
         if self.agent is not None:
             self.agent.kill()
             self.agent.wait()
 
-    def status(self) -> Status:
-        found = read_status(self.run_dir)
-        assert found is not None
-        return found
+    def status(self):
+        return read_status(self.run_dir)
 
-    def change(self, wait_s: float = 5.0) -> Upgrade:
+    def change(self, wait_s=5.0):
         return Upgrade(self.layout, self.run_dir, wait_s, stable_s=0)
 
-    def switch(self, target: Path, wait_s: float = 5.0) -> UpgradeReport:
+    def switch(self, target, wait_s=5.0):
         return self.change(wait_s).to(target)
 
     @property
-    def in_use(self) -> str:
+    def in_use(self):
         return self.layout.in_use().name
 
     @property
-    def written(self) -> dict[str, object]:
+    def written(self):
         return json.loads((self.layout.base / "last-switch.json").read_text())
 
     @property
-    def installed(self) -> list[str]:
+    def installed(self):
         return sorted(path.name for path in (self.layout.base / "versions").iterdir())
 
 
 @pytest.fixture
-def robot(tmp_path, monkeypatch) -> Iterator[Robot]:
+def robot(tmp_path, monkeypatch):
     made = Robot(tmp_path)
     monkeypatch.setattr(upgrade, "POLL_S", 0.01)
     monkeypatch.setattr(systemd, "restart", made.restart)
@@ -242,7 +236,7 @@ class PowerCut(BaseException):
     """Ends a switch as a power cut does: nothing after it is done."""
 
     @staticmethod
-    def now() -> None:
+    def now():
         raise PowerCut
 
 
@@ -331,7 +325,7 @@ def test_a_report_that_the_disk_does_not_take_leaves_the_next_boot_alone(
     """Weeks later it would do the switch again, and roll it back where there is no network yet."""
     write = Layout.write
 
-    def write_until_full(layout: Layout, report: UpgradeReport) -> None:
+    def write_until_full(layout, report):
         if report.result == full_from:
             raise StateUnusableError("cannot write: the disk is full")
         write(layout, report)

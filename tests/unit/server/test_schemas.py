@@ -1,7 +1,5 @@
 """Reading of what comes from outside into Structs."""
 
-from __future__ import annotations
-
 import datetime as dt
 from typing import Annotated, Literal
 

@@ -1,9 +1,6 @@
 """How the doctor sees the server: TLS on this machine, the way over SSH, and the agent's own status."""
 
-from __future__ import annotations
-
 import asyncio
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from functools import partial
@@ -14,7 +11,7 @@ from fake_cloud import agent_environ, certificate, fingerprint
 from fake_proxy import FakeProxy
 from local_network import free_port
 from robotether_agent.describe_error import Cause
-from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, Finding, server, tunnel
+from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, server, tunnel
 from robotether_agent.doctor.server import ServerView, view_server
 from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.settings import Settings, load
@@ -24,7 +21,7 @@ NOW = datetime(2026, 3, 1, 12, 0, tzinfo=timezone.utc)
 PINNED = bytes.fromhex(fingerprint())
 
 
-def all_checks(seen: ServerView, pinned: bytes | None = PINNED) -> dict[str, Finding]:
+def all_checks(seen, pinned=PINNED):
     now = datetime.now(timezone.utc)
     found = [
         server.check_name(seen),
@@ -36,7 +33,7 @@ def all_checks(seen: ServerView, pinned: bytes | None = PINNED) -> dict[str, Fin
     return {finding.step: finding for finding in found}
 
 
-def states(seen: ServerView) -> list[str]:
+def states(seen):
     return [finding.state for finding in all_checks(seen).values()]
 
 
@@ -105,7 +102,7 @@ async def test_a_path_that_takes_only_small_packets(monkeypatch):
     """The port accepts, and TLS never comes: neither firewall nor portal is to blame."""
     monkeypatch.setattr(server, "TIMEOUT_S", 0.3)
 
-    async def keep(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def keep(reader, writer):
         await reader.read()
         writer.close()
 
@@ -119,7 +116,6 @@ async def test_a_path_that_takes_only_small_packets(monkeypatch):
 
 async def test_only_a_server_that_is_trusted_says_where_robots_connect(cloud):
     seen = await view_server(Settings(server=cloud.server, tls_fingerprint=PINNED))
-    assert seen.ssh is not None
     assert seen.ssh.ports == (cloud.ssh.port,)
     impostor = await view_server(Settings(server=cloud.server, tls_fingerprint=b"\1" * 32))
     assert impostor.ssh is None
@@ -135,11 +131,10 @@ UP = Status(
     pid=7,
 )
 LOST = replace(UP, problem="lost it", problem_code="link_lost")
-Check = Callable[[Status | None], Finding]
 
 
 @pytest.fixture
-async def settings(cloud, place) -> Settings:
+async def settings(cloud, place):
     made = load(None, agent_environ(cloud, place))
     await Enroller(made).enrolment()
     return made
@@ -171,7 +166,7 @@ async def test_a_path_that_loses_large_packets(settings, cloud, monkeypatch):
     monkeypatch.setattr(tunnel, "TIMEOUT_S", 0.5)
     cloud.ssh.stop()
 
-    async def greet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def greet(reader, writer):
         writer.write(b"SSH-2.0-OpenSSH_10.0\r\n")
         await reader.read()
         writer.close()
@@ -186,11 +181,11 @@ async def test_a_path_that_loses_large_packets(settings, cloud, monkeypatch):
 READY = replace(UP, guard="ready")
 
 
-def service(state: str | None) -> Check:
+def service(state):
     return partial(tunnel.check_service, state)
 
 
-def guard(setting: str) -> Check:
+def guard(setting):
     return partial(tunnel.check_guard, Settings(server="a", guard=setting))
 
 
@@ -229,7 +224,7 @@ def guard(setting: str) -> Check:
         (tunnel.check_end_to_end, replace(UP, end_to_end_shell="down"), OK, ""),
     ],
 )
-def test_what_the_agent_says_of_itself(check: Check, status, expected, words):
+def test_what_the_agent_says_of_itself(check, status, expected, words):
     """What is wrong comes with its advice."""
     found = check(status)
     assert found.state == expected

@@ -1,20 +1,15 @@
 """A machine that forgets who it is becomes a robot of its own at its next start."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import resource
 import threading
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
-from typing import NoReturn
 
 import pytest
 from aiohttp import web
-from fake_cloud import FakeCloud, agent_environ
+from fake_cloud import agent_environ
 from fake_root import FakeRoot
 from robotether_agent.enrolment.enroller import (
     AUDIT_HEADS_FILE,
@@ -31,7 +26,7 @@ from robotether_agent.problems import (
     ServerUnreachableError,
     StateUnusableError,
 )
-from robotether_agent.settings import Settings, load
+from robotether_agent.settings import load
 from robotether_common.join import JOIN_NAMESPACE, join_message
 from robotether_server.signatures import is_signed
 
@@ -39,7 +34,7 @@ CARD = "00:1b:44:00:00:01"
 
 
 @contextmanager
-def full_disk() -> Iterator[None]:
+def full_disk():
     """Let this process write into no file, as on a full disk, even as root.
 
     The fake cloud lives in the same process: in its mode refuses_key its join writes none.
@@ -53,19 +48,19 @@ def full_disk() -> Iterator[None]:
 
 
 @pytest.fixture
-def settings(cloud, place) -> Settings:
+def settings(cloud, place):
     return load(None, agent_environ(cloud, place))
 
 
-def renamed(cloud: FakeCloud) -> Callable[[], web.Response]:
+def renamed(cloud):
     body = {**json.loads(cloud.active().body), "robot": "turtle"}
     return lambda: web.json_response(body)
 
 
-def refuses_tokens(cloud: FakeCloud, status: int, code: str) -> Callable[[], web.Response]:
+def refuses_tokens(cloud, status, code):
     refusal = {"code": code, "detail": "this token is of no use"}
 
-    def answer() -> web.Response:
+    def answer():
         if "token" in cloud.joins[-1]:
             return web.json_response(refusal, status=status)
         return cloud.active()
@@ -73,7 +68,7 @@ def refuses_tokens(cloud: FakeCloud, status: int, code: str) -> Callable[[], web
     return answer
 
 
-async def enrol(settings: Settings) -> Enroller:
+async def enrol(settings):
     enroller = Enroller(settings)
     await enroller.enrolment()
     enroller.doubt()
@@ -118,7 +113,7 @@ async def test_a_web_that_says_nothing_holds_up_no_enrolled_robot(cloud, setting
     enroller = Enroller(settings)
     known = await enroller.enrolment()
 
-    async def say_nothing(*_: object) -> NoReturn:
+    async def say_nothing(*_):
         await asyncio.Event().wait()
         raise AssertionError("nothing sets it")
 
@@ -176,13 +171,13 @@ async def test_another_server_in_the_settings_is_joined_and_pinned(cloud, settin
 
 
 @pytest.fixture
-def machine(tmp_path) -> FakeRoot:
+def machine(tmp_path):
     made = FakeRoot(tmp_path)
     made.add("eth0", CARD, 2)
     return made
 
 
-async def without_its_card(settings: Settings, machine: FakeRoot) -> Enroller:
+async def without_its_card(settings, machine):
     await Enroller(settings, machine.path).enrolment()
     machine.remove("eth0")
     machine.add("eth0", "00:1b:44:00:00:02", 2)
@@ -223,7 +218,6 @@ async def test_an_answer_that_was_lost_is_asked_for_again(cloud, settings):
     with pytest.raises(ServerUnreachableError):
         await enroller.rotate()
     coming = await enroller.next_key()
-    assert coming is not None
     assert cloud.robot_key == coming.public
     cloud.mode = "serves"
     started_anew = Enroller(settings)
@@ -253,7 +247,7 @@ async def test_a_disk_that_takes_no_new_key_keeps_the_old_one(cloud, settings):
     assert await enroller.key() == old
 
 
-def rejected() -> web.Response:
+def rejected():
     refusal = {"code": "key_rejected", "detail": "this key was rejected"}
     return web.json_response(refusal, status=403)
 
@@ -267,12 +261,12 @@ async def test_a_key_that_an_admin_rejected_is_given_up(cloud, settings):
     assert (await enroller.enrolment()).robot == "sim1"
 
 
-def pins(known_hosts: Path) -> set[str]:
+def pins(known_hosts):
     return {line.split()[2] for line in known_hosts.read_text().splitlines()}
 
 
 @pytest.fixture
-async def enrolled(make_cloud, place) -> Settings:
+async def enrolled(make_cloud, place):
     made = load(None, agent_environ(await make_cloud(), place, mac="", interface="lo"))
     (place / "state").mkdir()
     (place / "state/identity.json").write_text('{"mac": "00:1b:44:11:3a:b7", "interface": "lo"}')

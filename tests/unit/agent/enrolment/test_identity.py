@@ -1,9 +1,5 @@
 """Which MAC address names a robot, and that it stays the same, over made-up /sys and /proc trees."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 from fake_root import FakeRoot
 from robotether_agent.enrolment.identity import (
@@ -20,7 +16,7 @@ WIRED, WIFI, USB = "00:1b:44:00:00:01", "b8:27:eb:00:00:02", "00:1b:44:00:00:03"
 
 
 class Root(FakeRoot):
-    def find(self, interface: str | None = None, *, allow_local: bool = False) -> str:
+    def find(self, interface=None, *, allow_local=False):
         return find_interface(interface, allow_local=allow_local, root=self.path).mac
 
 
@@ -131,7 +127,7 @@ def test_hardware_comes_before_what_has_its_address(root):
 
 
 class Machine(FakeRoot):
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path):
         super().__init__(path)
         self.state = path / "state"
         self.state.mkdir()
@@ -139,13 +135,13 @@ class Machine(FakeRoot):
         self.add("wlan0", WIFI, 3, wireless=True)
         self.route(("wlan0", 600))
 
-    def is_now(self, enrolled: str | None = None, **settings: object) -> Identity:
+    def is_now(self, enrolled=None, **settings):
         values = {"server": "a.example", "state_dir": self.state, **settings}
         return IdentityStore(Settings(**values), self.path).identity(enrolled)
 
 
 @pytest.fixture
-def machine(tmp_path) -> Machine:
+def machine(tmp_path):
     made = Machine(tmp_path)
     assert made.is_now() == Identity(WIFI, "wlan0")
     return made

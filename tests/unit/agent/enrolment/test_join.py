@@ -1,7 +1,5 @@
 """The join over real TLS, and what each answer means."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
@@ -33,7 +31,7 @@ KEY = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIJXwzyV7Yl1cYqPGRkvnkSnMuRlWZ2EiJkXYh
 SSH = {"user": "tunnel", "host": None, "ports": [2222, 443], "host_keys": [KEY]}
 
 
-def answer(**changes: object) -> bytes:
+def answer(**changes):
     return json.dumps({"state": "active", "robot": "sim1", "ssh": {**SSH, **changes}}).encode()
 
 
@@ -47,7 +45,7 @@ async def test_other_certificate_is_not_trusted(cloud):
     assert cloud.joins == []
 
 
-def behind(proxy_url: str, cloud) -> Settings:
+def behind(proxy_url, cloud):
     pin = bytes.fromhex(fingerprint())
     return Settings(server=cloud.server, tls_fingerprint=pin, http_proxy=proxy_url)
 

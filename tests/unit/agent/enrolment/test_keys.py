@@ -1,7 +1,5 @@
 """The robot's own key, made by the real ssh-keygen, and the pin of the server's host keys."""
 
-from __future__ import annotations
-
 import asyncio
 import subprocess
 from pathlib import Path

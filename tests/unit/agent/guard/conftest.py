@@ -1,10 +1,5 @@
 """What the tests of the guard share."""
 
-from __future__ import annotations
-
-from collections.abc import AsyncIterator
-from pathlib import Path
-
 import pytest
 from controller_world import World
 from fake_rosbridge import FakeRosbridge
@@ -12,18 +7,18 @@ from guard_process import GuardHere
 
 
 @pytest.fixture
-def world() -> World:
+def world():
     return World()
 
 
 @pytest.fixture
-async def rosbridge() -> AsyncIterator[FakeRosbridge]:
+async def rosbridge():
     async with FakeRosbridge() as running:
         yield running
 
 
 @pytest.fixture
-async def guard(place: Path, rosbridge: FakeRosbridge) -> AsyncIterator[GuardHere]:
+async def guard(place, rosbridge):
     """A guard at which the lease 13 is held."""
     async with GuardHere(place, rosbridge.port) as running:
         await running.grant(13)

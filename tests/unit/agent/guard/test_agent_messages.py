@@ -1,11 +1,8 @@
 """The lines between agent and guard."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
-from typing import Any
 
 import pytest
 from fake_pipe import FakePipe
@@ -14,7 +11,6 @@ from robotether_agent.guard.agent_messages import (
     MAX_QUEUE_BYTES,
     MOTION_EVERY_S,
     SEEN_EVERY_S,
-    AgentMessage,
     Exit,
     FrameSent,
     GuardConfig,
@@ -38,7 +34,7 @@ COUNTS = dict.fromkeys(REFUSED_KINDS, 0)
 STOPS = dict.fromkeys(STOP_CAUSES, 0)
 
 
-def read(**line: Any) -> AgentMessage | None:
+def read(**line):
     return parse(json.dumps(line).encode())
 
 
@@ -61,12 +57,12 @@ def read(**line: Any) -> AgentMessage | None:
         ({"type": "of tomorrow"}, None),
     ],
 )
-def test_each_line_is_one_order(line: dict[str, Any], order: AgentMessage | None) -> None:
+def test_each_line_is_one_order(line, order):
     """A stop counts without its members, a release does not."""
     assert read(**line) == order
 
 
-def config_of(guard: dict[str, Any], **line: Any) -> GuardConfig:
+def config_of(guard, **line):
     config = read(type="config", rosbridge_url=URL, guard=guard, **line)
     assert isinstance(config, GuardConfig)
     return config
@@ -101,13 +97,13 @@ def config_of(guard: dict[str, Any], **line: Any) -> GuardConfig:
         ({"without_frames": "half"}, GuardConfig(URL, blind=BlindLimits(needs_frames=True))),
     ],
 )
-def test_a_configuration_is_read(guard: dict[str, Any], config: GuardConfig) -> None:
+def test_a_configuration_is_read(guard, config):
     found = config_of(guard)
     assert found.topics.patterns == config.topics.patterns
     assert replace(found, topics=config.topics) == config
 
 
-def test_direct_connections_are_let_in_where_the_agent_says_so_and_no_key_is_shown() -> None:
+def test_direct_connections_are_let_in_where_the_agent_says_so_and_no_key_is_shown():
     assert config_of({}, direct=True).direct
     assert not config_of({}).direct
     assert "secret" not in repr(config_of({"key": "secret"}))
@@ -121,18 +117,18 @@ def test_direct_connections_are_let_in_where_the_agent_says_so_and_no_key_is_sho
         {"blind_m": 0}, {"blind_deg": -1}, {"camera_ms": -1}, {"without_frames": True},
     ],
 )  # fmt: skip
-def test_a_wrong_setting_names_itself(guard: dict[str, Any]) -> None:
+def test_a_wrong_setting_names_itself(guard):
     with pytest.raises(FieldError, match=next(iter(guard))):
         read(type="config", rosbridge_url=URL, guard=guard)
 
 
 @pytest.mark.parametrize("line", [b"", b"[]", b"{}", b'{"type":"lease","fence":-1}', b"\xff"])
-def test_a_broken_line_is_no_order(line: bytes) -> None:
+def test_a_broken_line_is_no_order(line):
     with pytest.raises(FieldError):
         parse(line)
 
 
-def test_a_robot_that_starts_and_stops_all_the_time_is_told_seldom() -> None:
+def test_a_robot_that_starts_and_stops_all_the_time_is_told_seldom():
     """As a driver may have it do; and in the end it is told how it is. A stop never waits."""
     now = 5.0
     reports = GuardReporter(pipe := FakePipe(), lambda: now)
@@ -147,7 +143,7 @@ def test_a_robot_that_starts_and_stops_all_the_time_is_told_seldom() -> None:
     assert pipe.lines[-1]["stopped"] is True
 
 
-def test_a_newer_lease_is_told_at_once() -> None:
+def test_a_newer_lease_is_told_at_once():
     """The robot's next relay must number above it, however soon it comes."""
     reports = GuardReporter(pipe := FakePipe(), lambda: 5.0)
     for fence in (13, 14):
@@ -155,7 +151,7 @@ def test_a_newer_lease_is_told_at_once() -> None:
     assert [line["fence"] for line in pipe.lines] == [13, 14]
 
 
-def test_an_agent_that_does_not_read_holds_nothing_up() -> None:
+def test_an_agent_that_does_not_read_holds_nothing_up():
     reports = GuardReporter(pipe := FakePipe())
     pipe.waiting = MAX_QUEUE_BYTES + 1
     reports.tick()
@@ -166,7 +162,7 @@ def test_an_agent_that_does_not_read_holds_nothing_up() -> None:
     assert len(pipe.lines) == 1
 
 
-def test_what_is_seen_is_reported_now_and_then() -> None:
+def test_what_is_seen_is_reported_now_and_then():
     """A report has all ages since the last one, each once; an agent that does not read gets them later."""
     now, ages = 5.0, SeenAges()
     reports = GuardReporter(pipe := FakePipe(), lambda: now)

@@ -1,7 +1,5 @@
 """Who may drive."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,7 +10,7 @@ from robotether_agent.guard.topics import Authorization
 NOW = 100.0
 
 
-def authorizer(*, fence: int | None = 13, direct: bool = False) -> Authorizer:
+def authorizer(*, fence=13, direct=False):
     made = Authorizer(NOW)
     made.key, made.direct = "k1", direct
     made.session(up=True)
@@ -21,25 +19,23 @@ def authorizer(*, fence: int | None = 13, direct: bool = False) -> Authorizer:
     return made
 
 
-def headers(mode: str = "drive", fence: object = 13, key: str = "k1") -> dict[str, str]:
+def headers(mode="drive", fence=13, key="k1"):
     return {"Robotether-Key": key, "Robotether-Mode": mode, "Robotether-Fence": str(fence)}
 
 
-def status(rights: Authorizer, given_: dict[str, str]) -> int:
+def status(rights, given_):
     with pytest.raises(DriveNotAuthorizedError) as refused:
         rights.authorize(given_)
     return refused.value.status
 
 
-def kind(
-    rights: Authorizer, authorization: Authorization, fence: object = 13, now: float = NOW
-) -> str:
+def kind(rights, authorization, fence=13, now=NOW):
     with pytest.raises(DriveMessageRefusedError) as refused:
         rights.check(authorization, fence, now)
     return refused.value.kind
 
 
-def test_the_lease_drives_with_the_key() -> None:
+def test_the_lease_drives_with_the_key():
     rights = authorizer()
     authorization = rights.authorize(headers())
     assert authorization == Authorization("drive", 13)
@@ -57,11 +53,11 @@ def test_the_lease_drives_with_the_key() -> None:
         headers(fence="9" * 30), headers(fence="0" * 18 + "135"),
     ],
 )  # fmt: skip
-def test_other_handshakes_are_refused(given_: dict[str, str]) -> None:
+def test_other_handshakes_are_refused(given_):
     assert status(authorizer(), given_) == 403
 
 
-def test_a_new_guard_lets_nobody_in() -> None:
+def test_a_new_guard_lets_nobody_in():
     """Before it has a key of its own, and drive before the session is up."""
     rights = Authorizer(NOW)
     assert rights.key == ""
@@ -71,7 +67,7 @@ def test_a_new_guard_lets_nobody_in() -> None:
     assert status(rights, headers()) == 409
 
 
-def test_a_handshake_may_be_faster_than_the_line_of_its_lease() -> None:
+def test_a_handshake_may_be_faster_than_the_line_of_its_lease():
     """Only the server knows the key, so its newer number counts at once."""
     rights = authorizer()
     old = rights.authorize(headers())
@@ -85,7 +81,7 @@ def test_a_handshake_may_be_faster_than_the_line_of_its_lease() -> None:
     assert kind(rights, new, 14) == "fence"
 
 
-def test_a_new_guard_holds_nothing() -> None:
+def test_a_new_guard_holds_nothing():
     """The driver before its start must come with a newer number, whatever the line of its lease says."""
     rights = Authorizer(NOW, 13)
     rights.key = "k1"
@@ -96,7 +92,7 @@ def test_a_new_guard_holds_nothing() -> None:
     assert rights.authorize(headers(fence=14)).fence == rights.fence == 14
 
 
-def test_a_new_configuration_begins_no_new_session() -> None:
+def test_a_new_configuration_begins_no_new_session():
     """It says again that the session stands; a number that is over stays over."""
     rights = authorizer(fence=14)
     rights.session(up=True)
@@ -106,12 +102,12 @@ def test_a_new_configuration_begins_no_new_session() -> None:
 
 
 @pytest.mark.parametrize("fence", [None, "13", 13.0, True, 12, 14])
-def test_a_message_shows_its_connections_fence(fence: object) -> None:
+def test_a_message_shows_its_connections_fence(fence):
     rights = authorizer(fence=13)
     assert kind(rights, Authorization("drive", 13), fence) == "fence"
 
 
-def test_a_stop_refuses_and_ends_the_lease() -> None:
+def test_a_stop_refuses_and_ends_the_lease():
     """A release alone does not bring the driver back."""
     rights = authorizer()
     authorization = rights.authorize(headers())
@@ -123,7 +119,7 @@ def test_a_stop_refuses_and_ends_the_lease() -> None:
     assert rights.authorize(headers(fence=14)).fence == 14
 
 
-def test_a_silent_agent_holds_the_robot_until_it_speaks() -> None:
+def test_a_silent_agent_holds_the_robot_until_it_speaks():
     """Its silence may be a session that is lost without a word."""
     rights = authorizer()
     authorization = rights.authorize(headers())
@@ -133,7 +129,7 @@ def test_a_silent_agent_holds_the_robot_until_it_speaks() -> None:
     rights.check(authorization, 13, late)
 
 
-def test_a_lost_session_ends_drivers_and_keeps_observers() -> None:
+def test_a_lost_session_ends_drivers_and_keeps_observers():
     rights = authorizer(direct=True)
     drive, observe, direct = (
         rights.authorize(headers()),
@@ -145,7 +141,7 @@ def test_a_lost_session_ends_drivers_and_keeps_observers() -> None:
     assert kind(rights, drive) == "held"
 
 
-def test_direct_connections_drive_while_nobody_has_the_lease() -> None:
+def test_direct_connections_drive_while_nobody_has_the_lease():
     rights = authorizer(fence=None, direct=True)
     direct = rights.authorize({})
     rights.check(direct, None, NOW)
@@ -159,7 +155,7 @@ def test_direct_connections_drive_while_nobody_has_the_lease() -> None:
     assert status(rights, {}) == 403
 
 
-def test_a_guard_that_ends_moves_nothing() -> None:
+def test_a_guard_that_ends_moves_nothing():
     rights = authorizer()
     authorization = rights.authorize(headers())
     rights.exiting = True
@@ -176,7 +172,7 @@ EVENTS = st.lists(
 
 
 @given(EVENTS)
-def test_an_old_fence_never_passes(events: list[tuple[str, int]]) -> None:
+def test_an_old_fence_never_passes(events):
     """Whatever comes in whatever order: only the newest number drives, and none that ended."""
     rights = authorizer(fence=None)
     newest, over = 0, set()

@@ -1,12 +1,8 @@
 """What goes on the publisher, with a line and a clock of the tests."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from controller_world import FakeSource, World
@@ -28,11 +24,11 @@ from robotether_agent.guard.topics import (
 from sim_client import until
 
 
-def counted(world: World) -> dict[str, int]:
+def counted(world):
     return {cause: count for cause, count in world.controller.stops.items() if count}
 
 
-async def test_zeros_follow_when_commands_stop(world: World) -> None:
+async def test_zeros_follow_when_commands_stop(world):
     await world.drive(0.5)
     await world.pass_time(0.45)
     assert world.publisher.speeds == [0.5]
@@ -44,7 +40,7 @@ async def test_zeros_follow_when_commands_stop(world: World) -> None:
     assert counted(world) == {"silence": 1}
 
 
-async def test_stop_by_the_driver_is_none_of_the_guard(world: World) -> None:
+async def test_stop_by_the_driver_is_none_of_the_guard(world):
     await world.drive(0.5)
     await world.drive(0.0)
     await world.pass_time(10)
@@ -64,10 +60,10 @@ CAUSES = {
 
 
 @pytest.mark.parametrize("loss", CAUSES)
-async def test_each_loss_is_a_stop_at_once(world: World, loss: str) -> None:
+async def test_each_loss_is_a_stop_at_once(world, loss):
     world.controller.use(GuardConfig("ws://x", deadman_s=10))
     await world.drive(0.5)
-    losses: dict[str, Callable[[], None]] = {
+    losses = {
         "gone": lambda: world.controller.on_disconnected(world.source),
         "lease": lambda: (
             world.authorizer.lease(13, held=False),
@@ -89,14 +85,14 @@ async def test_each_loss_is_a_stop_at_once(world: World, loss: str) -> None:
     assert counted(world) == {CAUSES[loss]: 1}
 
 
-async def test_another_connections_end_is_no_stop(world: World) -> None:
+async def test_another_connections_end_is_no_stop(world):
     await world.drive(0.5)
     world.controller.on_disconnected(FakeSource(Authorization("observe")))
     await world.controller.step()
     assert world.publisher.speeds == [0.5]
 
 
-async def test_a_stop_zeroes_what_stands(world: World) -> None:
+async def test_a_stop_zeroes_what_stands(world):
     """Of topics that were driven; the guard knows no others."""
     await world.send(op="advertise", topic="/other/cmd_vel", type="geometry_msgs/Twist")
     await world.drive(0.0)
@@ -107,19 +103,19 @@ async def test_a_stop_zeroes_what_stands(world: World) -> None:
 
 
 @pytest.mark.parametrize("t_ms", [None, "now", True, [], 10**400, -(10**400)])
-async def test_a_command_without_a_time_is_refused(world: World, t_ms: object) -> None:
+async def test_a_command_without_a_time_is_refused(world, t_ms):
     await world.drive(0.5, robotether={"t_ms": t_ms, "fence": 13})
     await world.drive(0.5, robotether=3)
     assert world.publisher.sent == []
     assert world.source.kinds == ["old", "fence"]
 
 
-def seen(world: World, *frames: int) -> dict[str, object]:
+def seen(world, *frames):
     views = [{"camera": "/a", "frame": frame} for frame in frames]
     return {"robotether": {"t_ms": world.now * 1000, "fence": 13, "seen": views}}
 
 
-async def test_the_age_of_what_is_seen_counts_up_to_the_output(world: World) -> None:
+async def test_the_age_of_what_is_seen_counts_up_to_the_output(world):
     """The time in which rosbridge takes nothing included; of a zero nobody asks."""
     world.controller.frame_times.note("/a", 1, world.now - 0.1, world.now)
     world.publisher.full = True
@@ -133,7 +129,7 @@ async def test_the_age_of_what_is_seen_counts_up_to_the_output(world: World) -> 
     assert len(world.controller.seen_ages.ages_ms) == 1
 
 
-async def test_a_client_that_names_no_frame_any_more_sees_nothing(world: World) -> None:
+async def test_a_client_that_names_no_frame_any_more_sees_nothing(world):
     """One that never named any is not asked; that of an unknown frame is unknown."""
     await world.drive(0.5)
     assert world.controller.seen_ages.ages_ms == []
@@ -148,7 +144,7 @@ async def test_a_client_that_names_no_frame_any_more_sees_nothing(world: World) 
     assert world.controller.seen_ages.ages_ms == [None] * 4 + [100.0]
 
 
-async def test_a_frame_that_is_reported_with_its_command_is_known(world, spawn) -> None:
+async def test_a_frame_that_is_reported_with_its_command_is_known(world, spawn):
     """The agent's line came first, on a pipe that the guard has not read yet: so many turns it takes to be handled."""
     lines, loop = asyncio.StreamReader(), asyncio.get_running_loop()
     reading, writing = os.pipe()
@@ -156,7 +152,7 @@ async def test_a_frame_that_is_reported_with_its_command_is_known(world, spawn) 
         protocol = asyncio.StreamReaderProtocol(lines)
         transport, _ = await loop.connect_read_pipe(lambda: protocol, os.fdopen(reading, "rb", 0))
 
-        async def read() -> None:
+        async def read():
             while await lines.readline():
                 world.controller.frame_times.note("/a", 1, world.now - 0.1, world.now)
 
@@ -169,7 +165,7 @@ async def test_a_frame_that_is_reported_with_its_command_is_known(world, spawn) 
         transport.close()
 
 
-async def test_a_refused_command_that_names_a_frame_counts_as_naming(world: World) -> None:
+async def test_a_refused_command_that_names_a_frame_counts_as_naming(world):
     stamp = {"t_ms": 0, "fence": 13, "seen": []}
     await world.drive(0.5, robotether=stamp)
     assert world.source.kinds == ["old"]
@@ -177,7 +173,7 @@ async def test_a_refused_command_that_names_a_frame_counts_as_naming(world: Worl
     assert world.controller.seen_ages.ages_ms == [None]
 
 
-async def test_of_a_backlog_only_the_newest_command_waits(world: World) -> None:
+async def test_of_a_backlog_only_the_newest_command_waits(world):
     world.publisher.full = True
     for speed in range(1, 11):
         await world.drive(speed)
@@ -187,7 +183,7 @@ async def test_of_a_backlog_only_the_newest_command_waits(world: World) -> None:
     assert world.controller.refusals["old"] == 9
 
 
-async def test_an_old_command_takes_no_newer_ones_place(world: World) -> None:
+async def test_an_old_command_takes_no_newer_ones_place(world):
     """It is refused when it comes, so that what waits for rosbridge still goes out."""
     world.publisher.full = True
     await world.drive(0.3)
@@ -240,7 +236,7 @@ async def test_a_stop_of_the_driver_that_is_refused_is_the_guards(world, reason)
     assert world.publisher.speeds == [0.5] + [0.0] * 10
 
 
-async def test_a_stop_of_the_driver_as_another_type_is_the_guards(world: World) -> None:
+async def test_a_stop_of_the_driver_as_another_type_is_the_guards(world):
     """The robot may not take that type: it would drive on for the deadman's time."""
     world.controller.use(GuardConfig("ws://x", deadman_s=10))
     await world.drive(0.5)
@@ -250,7 +246,7 @@ async def test_a_stop_of_the_driver_as_another_type_is_the_guards(world: World) 
     assert world.publisher.speeds == [0.5] + [0.0] * 10
 
 
-async def test_a_late_zero_of_another_moves_nothing_and_stops_nothing(world: World) -> None:
+async def test_a_late_zero_of_another_moves_nothing_and_stops_nothing(world):
     await world.drive(0.5)
     await world.drive(0.0, FakeSource(Authorization("drive", 12)), age_ms=600)
     await world.drive(0.0, FakeSource(Authorization("observe")), age_ms=600)
@@ -258,7 +254,7 @@ async def test_a_late_zero_of_another_moves_nothing_and_stops_nothing(world: Wor
     assert world.publisher.speeds == [0.5]
 
 
-async def test_a_stop_of_the_driver_that_could_not_be_sent_is_the_guards(world: World) -> None:
+async def test_a_stop_of_the_driver_that_could_not_be_sent_is_the_guards(world):
     await world.drive(0.5)
     world.publisher.full = True
     await world.drive(0.0, age_ms=450)
@@ -268,7 +264,7 @@ async def test_a_stop_of_the_driver_that_could_not_be_sent_is_the_guards(world: 
     assert world.publisher.speeds[:2] == [0.5, 0.0]
 
 
-async def test_what_waits_is_forgotten_with_its_sender(world: World) -> None:
+async def test_what_waits_is_forgotten_with_its_sender(world):
     world.publisher.full = True
     await world.drive(0.5)
     world.controller.on_disconnected(world.source)
@@ -279,7 +275,7 @@ async def test_what_waits_is_forgotten_with_its_sender(world: World) -> None:
     assert world.publisher.sent == []
 
 
-async def test_zeros_that_are_owed_come_before_commands(world: World) -> None:
+async def test_zeros_that_are_owed_come_before_commands(world):
     """A rosbridge that was away moves nobody before it has stopped everybody."""
     await world.drive(0.5)
     world.publisher.up = False
@@ -294,7 +290,7 @@ async def test_zeros_that_are_owed_come_before_commands(world: World) -> None:
     assert world.publisher.speeds == [0.5, 0.0, 0.7]
 
 
-async def test_zeros_that_are_owed_come_before_what_waits(world: World) -> None:
+async def test_zeros_that_are_owed_come_before_what_waits(world):
     await world.drive(0.5)
     world.publisher.full = True
     await world.pass_time(0.3)
@@ -307,7 +303,7 @@ async def test_zeros_that_are_owed_come_before_what_waits(world: World) -> None:
     assert world.publisher.speeds == [0.5, 0.0, 0.7]
 
 
-async def test_a_line_that_breaks_under_a_command_owes_zeros(world: World) -> None:
+async def test_a_line_that_breaks_under_a_command_owes_zeros(world):
     world.publisher.breaks = True
     await world.drive(0.5)
     world.controller.on_rosbridge_lost()
@@ -316,7 +312,7 @@ async def test_a_line_that_breaks_under_a_command_owes_zeros(world: World) -> No
     assert world.publisher.speeds == [0.0] * ZEROS_AFTER_RECONNECT
 
 
-async def test_a_motion_that_cannot_be_noted_does_not_begin(tmp_path: Path) -> None:
+async def test_a_motion_that_cannot_be_noted_does_not_begin(tmp_path):
     """It begins once it can; until then the driver is told why."""
     world = World(MotionFile(tmp_path / "gone"))
     await world.drive(0.5)
@@ -329,7 +325,7 @@ async def test_a_motion_that_cannot_be_noted_does_not_begin(tmp_path: Path) -> N
     assert world.publisher.speeds == [0.5]
 
 
-async def test_the_next_guard_zeroes_what_this_one_left(world: World) -> None:
+async def test_the_next_guard_zeroes_what_this_one_left(world):
     name = "geometry_msgs/msg/TwistStamped"
     world.motion_file.driven = [Driven("/base/cmd_vel", "twist_stamped", name, "base")]
     world.controller.resume()
@@ -344,7 +340,7 @@ async def test_the_next_guard_zeroes_what_this_one_left(world: World) -> None:
     assert counted(world) == {"fault": 2}
 
 
-async def test_motion_nobody_knows_is_zeroed_by_the_settings(world: World) -> None:
+async def test_motion_nobody_knows_is_zeroed_by_the_settings(world):
     """A mark that cannot be read stands for the topics that have plain names, by a zero of whatever type they have."""
     world.motion_file.driven = []
     world.controller.resume()
@@ -353,7 +349,7 @@ async def test_motion_nobody_knows_is_zeroed_by_the_settings(world: World) -> No
     assert world.publisher.sent == [zero] * ZEROS_AFTER_RECONNECT
 
 
-async def test_a_last_zero_that_may_be_lost_is_sent_again(world: World) -> None:
+async def test_a_last_zero_that_may_be_lost_is_sent_again(world):
     """The driver let go in the moment in which rosbridge crashed; its next zeros find no rosbridge."""
     await world.drive(0.5)
     world.publisher.read_until = world.now
@@ -388,7 +384,7 @@ async def test_a_stop_also_zeroes_what_an_earlier_driver_moved(world, left_by_th
     assert sorted(zeroed) == ["/cmd_vel"] * 10 + ["/other/cmd_vel"] * 10
 
 
-async def test_a_last_zero_that_was_read_is_not_sent_again(world: World) -> None:
+async def test_a_last_zero_that_was_read_is_not_sent_again(world):
     """Somebody else may move the robot meanwhile."""
     await world.drive(0.5)
     await world.drive(0.0)
@@ -399,23 +395,23 @@ async def test_a_last_zero_that_was_read_is_not_sent_again(world: World) -> None
     assert world.publisher.speeds == []
 
 
-async def test_a_stop_while_the_topic_is_announced_is_no_motion(world: World) -> None:
+async def test_a_stop_while_the_topic_is_announced_is_no_motion(world):
     """What was about to be sent is forgotten, also when it was taken up already."""
     await world.send(op="advertise", type="geometry_msgs/Twist")
     world.controller.on_rosbridge_lost()
     send = world.publisher.send
 
-    async def stopped_meanwhile(data: bytes) -> bool:
+    async def stopped_meanwhile(data):
         world.controller.stop()
         return await send(data)
 
-    world.publisher.send = stopped_meanwhile  # type: ignore[method-assign]  # the line of this test
+    world.publisher.send = stopped_meanwhile
     await world.drive(0.5)
     assert world.publisher.speeds == []
     assert not world.controller.moving
 
 
-async def test_rosbridges_status_goes_to_the_driver(world: World) -> None:
+async def test_rosbridges_status_goes_to_the_driver(world):
     world.controller.on_rosbridge_message(b"nobody drives yet")
     await world.drive(0.5)
     world.controller.on_rosbridge_message(b"{}")
@@ -425,7 +421,7 @@ async def test_rosbridges_status_goes_to_the_driver(world: World) -> None:
     assert world.source.notified == [b"{}"]
 
 
-async def test_the_task_sleeps_until_something_is_due(world, spawn) -> None:
+async def test_the_task_sleeps_until_something_is_due(world, spawn):
     world.controller.use(GuardConfig("ws://x", max_age_s=60, deadman_s=60))
     world.authorizer.on_agent_message(world.now + 60)
     spawn(world.controller.run())
@@ -443,7 +439,7 @@ async def test_the_task_sleeps_until_something_is_due(world, spawn) -> None:
     assert world.changes < 10
 
 
-async def test_the_last_zeros_can_be_waited_for(world: World) -> None:
+async def test_the_last_zeros_can_be_waited_for(world):
     """A guard that ends leaves no mark of a robot that stands, and that of one that moves."""
     await world.drive(0.5)
     world.controller.close()
@@ -464,9 +460,9 @@ COMMANDS = st.lists(
 
 @given(COMMANDS)
 def test_no_old_command_and_no_old_fence_passes(commands):
-    async def scenario() -> None:
+    async def scenario():
         world = World()
-        given_at: dict[float, float] = {}
+        given_at = {}
         for number, (age_ms, fence, pause_s, full) in enumerate(commands, 1):
             world.publisher.full = full
             given_at[float(number)] = (world.now - age_ms / 1000) if fence == 13 else -1e9
@@ -481,7 +477,7 @@ def test_no_old_command_and_no_old_fence_passes(commands):
     asyncio.run(scenario())
 
 
-async def test_a_command_that_reaches_nobody_is_refused_and_a_zero_is_not(world: World) -> None:
+async def test_a_command_that_reaches_nobody_is_refused_and_a_zero_is_not(world):
     await world.send(op="advertise", type="geometry_msgs/Twist")
     await world.drive(0.5)
     world.controller.on_unheard(frozenset({"/cmd_vel"}))
@@ -497,7 +493,7 @@ async def test_a_command_that_reaches_nobody_is_refused_and_a_zero_is_not(world:
     assert world.publisher.speeds == [0.5, 0.0, 0.7]
 
 
-async def test_the_driver_is_told_once_that_the_listeners_are_unknown(world: World) -> None:
+async def test_the_driver_is_told_once_that_the_listeners_are_unknown(world):
     """A rosapi that has ended refuses nothing: the base may listen all the same."""
     await world.drive(0.5)
     for _ in range(2):
@@ -518,7 +514,7 @@ async def test_a_moving_robot_that_nothing_listens_for_any_more_gets_its_zeros(w
     assert world.publisher.speeds == [0.5] + [0.0] * ZEROS
 
 
-async def test_a_topic_that_ros_has_forgotten_is_advertised_anew(world: World) -> None:
+async def test_a_topic_that_ros_has_forgotten_is_advertised_anew(world):
     advertise = {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
     await world.send(op="advertise", type="geometry_msgs/Twist")
     assert world.controller.driven_now() == []
@@ -535,7 +531,7 @@ async def test_a_topic_that_ros_has_forgotten_is_advertised_anew(world: World) -
     assert world.publisher.speeds == [0.5]
 
 
-async def test_a_stop_reaches_a_topic_that_is_to_be_forgotten(world: World) -> None:
+async def test_a_stop_reaches_a_topic_that_is_to_be_forgotten(world):
     await world.send(op="advertise", type="geometry_msgs/Twist")
     await world.drive(0.5)
     await world.drive(0.0)
@@ -546,7 +542,7 @@ async def test_a_stop_reaches_a_topic_that_is_to_be_forgotten(world: World) -> N
     assert world.publisher.speeds == [0.5, 0.0] + [0.0] * ZEROS
 
 
-async def test_a_topic_in_motion_is_not_withdrawn(world: World) -> None:
+async def test_a_topic_in_motion_is_not_withdrawn(world):
     await world.send(op="advertise", type="geometry_msgs/Twist")
     await world.drive(0.5)
     world.controller.on_unregistered("/cmd_vel")

@@ -1,10 +1,7 @@
 """What the guard finds among operators' messages, what a command says, and how it is kept within limits."""
 
-from __future__ import annotations
-
 import json
 import math
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -15,12 +12,9 @@ from robotether_agent.guard.drive_messages import (
     SHAPES,
     CheckedCommand,
     DriveLimits,
-    DriveMessage,
     DriveMessageRefusedError,
     DriveMessageUnclearError,
     DriveTopics,
-    Shape,
-    Vector,
     drive_message,
     limited,
     message_id,
@@ -34,7 +28,7 @@ from robotether_common.ros import MAX_GLOB_LENGTH
 TOPICS = DriveTopics(["/cmd_vel", "*/cmd_vel"])
 
 
-def test_a_relative_name_may_be_a_drive_topic_in_a_namespace() -> None:
+def test_a_relative_name_may_be_a_drive_topic_in_a_namespace():
     """Rosbridge in the namespace /base makes /base/vel of vel."""
     topics = DriveTopics(["/base/vel"])
     assert not topics.match("/vel")
@@ -42,7 +36,7 @@ def test_a_relative_name_may_be_a_drive_topic_in_a_namespace() -> None:
     assert not topics.might_be("scan")
 
 
-def test_patterns_are_names_with_stars() -> None:
+def test_patterns_are_names_with_stars():
     for wrong in ("/cmd[v]el", "/cmd?vel", "", "/cmd vel"):
         with pytest.raises(ValueError, match="not a name"):
             DriveTopics([wrong])
@@ -56,7 +50,7 @@ def test_patterns_are_names_with_stars() -> None:
     assert not DriveTopics([]).match("/cmd_vel")
 
 
-def read(data: bytes | dict[str, Any]) -> DriveMessage | None:
+def read(data):
     return drive_message(data if isinstance(data, bytes) else json.dumps(data).encode(), TOPICS)
 
 
@@ -71,28 +65,26 @@ def read(data: bytes | dict[str, Any]) -> DriveMessage | None:
         {"op": "a new operation"},
     ],
 )
-def test_what_does_not_drive_may_pass(message: dict[str, Any]) -> None:
+def test_what_does_not_drive_may_pass(message):
     assert read(message) is None
 
 
 @pytest.mark.parametrize("operation", ["publish", "advertise", "unadvertise"])
 @pytest.mark.parametrize("name", ["/cmd_vel", "cmd_vel", "/base/cmd_vel", "base/cmd_vel"])
-def test_operations_on_drive_topics_are_found(operation: str, name: str) -> None:
+def test_operations_on_drive_topics_are_found(operation, name):
     message = read({"op": operation, "topic": name, "msg": {}})
-    assert message is not None
     assert (message.operation, message.topic) == (operation, "/" + name.lstrip("/"))
 
 
 @pytest.mark.parametrize("operation", ["publish", "advertise", "unadvertise"])
-def test_a_drive_command_for_what_is_no_drive_topic_here_is_refused(operation: str) -> None:
+def test_a_drive_command_for_what_is_no_drive_topic_here_is_refused(operation):
     """Settings change at the server first: what it stamped must not reach the wheels past the guard."""
     with pytest.raises(DriveMessageUnclearError, match="is a drive topic for the server"):
         read({"op": operation, "topic": "/base/move", "robotether": {"t_ms": 1.0, "fence": 13}})
 
 
-def test_escapes_hide_no_operation() -> None:
+def test_escapes_hide_no_operation():
     found = read(rb'{"\u006fp":"\u0070ublish","topic":"/cmd\u005fvel","msg":{}}')
-    assert found is not None
     assert found.topic == "/cmd_vel"
 
 
@@ -126,12 +118,12 @@ def test_escapes_hide_no_operation() -> None:
         b"\x15\x00\x00\x00\x02op\x00\x08\x00\x00\x00publish\x00\x00",
     ],
 )  # fmt: skip
-def test_what_cannot_be_checked_is_refused(data: bytes) -> None:
+def test_what_cannot_be_checked_is_refused(data):
     with pytest.raises(DriveMessageUnclearError):
         read(data)
 
 
-def test_an_id_is_a_short_text_or_a_number() -> None:
+def test_an_id_is_a_short_text_or_a_number():
     """Nothing else goes back, and none goes on to rosbridge."""
     ids = ["a", 3, None, True, 1.5, {}, "x" * 1000]
     assert [message_id({"id": value}) for value in ids] == ["a", 3, None, None, None, None, None]
@@ -146,7 +138,7 @@ JSON = st.recursive(
 )  # fmt: skip
 
 
-def operations(value: object) -> list[object]:
+def operations(value):
     if isinstance(value, dict):
         return [value[k] for k in value if k == "op"] + [
             x for v in value.values() for x in operations(v)
@@ -155,7 +147,7 @@ def operations(value: object) -> list[object]:
 
 
 @given(JSON)
-def test_nothing_that_passes_can_drive(value: object) -> None:
+def test_nothing_that_passes_can_drive(value):
     try:
         passed = read(json.dumps(value).encode()) is None
     except DriveMessageUnclearError:
@@ -167,7 +159,7 @@ def test_nothing_that_passes_can_drive(value: object) -> None:
         assert not TOPICS.match("/" + value["topic"].lstrip("/"))
 
 
-TWIST: dict[str, Any] = {
+TWIST = {
     "linear": {"x": 1.0, "y": 0.0, "z": 0.0},
     "angular": {"x": 0.0, "y": 0.0, "z": -0.5},
 }
@@ -193,11 +185,11 @@ step = st.floats(-1, 1e4)
 @pytest.mark.parametrize(
     "message", [TWIST, {"header": HEADER, "twist": TWIST}, {"header": HEADER, "drive": DRIVE}]
 )
-def test_each_shape_comes_out_as_it_went_in(message: dict[str, Any]) -> None:
+def test_each_shape_comes_out_as_it_went_in(message):
     assert write_command(read_command(message, None)) == message
 
 
-def test_the_advertised_type_decides_only_when_the_message_says_nothing() -> None:
+def test_the_advertised_type_decides_only_when_the_message_says_nothing():
     assert read_command({}, "ackermann").shape == "ackermann"
     assert read_command({"header": {}}, "twist_stamped").shape == "twist_stamped"
     assert read_command(TWIST, "ackermann").shape == "twist"
@@ -207,7 +199,7 @@ def test_the_advertised_type_decides_only_when_the_message_says_nothing() -> Non
 
 @pytest.mark.parametrize("stamp", ["now", {"secs": 2**40, "nsecs": 4}, {"sec": 2**40}])
 @pytest.mark.parametrize("body", [{"twist": TWIST}, {"drive": DRIVE}])
-def test_stamp_and_number_are_the_robots(stamp: object, body: dict[str, Any]) -> None:
+def test_stamp_and_number_are_the_robots(stamp, body):
     """One of the other ROS would make a zero that the robot does not take, one to come a command without end."""
     message = {"header": {**HEADER, "stamp": stamp, "seq": 7}, **body}
     assert write_command(read_command(message, None)) == {"header": HEADER, **body}
@@ -226,14 +218,14 @@ def test_stamp_and_number_are_the_robots(stamp: object, body: dict[str, Any]) ->
         {"header": {"seq": -1}, "twist": {}}, {"header": {"stamp": {"sec": 2**70}}, "twist": {}},
     ],
 )  # fmt: skip
-def test_anything_else_is_no_command(message: object) -> None:
+def test_anything_else_is_no_command(message):
     with pytest.raises(DriveMessageRefusedError) as refused:
         read_command(message, None)
     assert refused.value.kind == "shape"
 
 
 @pytest.mark.parametrize("shape", sorted(set(SHAPES.values())))
-def test_zero_stands_still(shape: Shape) -> None:
+def test_zero_stands_still(shape):
     """Its header names the frame and leaves the time to rosbridge."""
     command = zero(shape, "base")
     assert not command.moves
@@ -242,7 +234,7 @@ def test_zero_stands_still(shape: Shape) -> None:
     assert read_command(written, None) == command
 
 
-def test_turning_wheels_alone_is_no_motion() -> None:
+def test_turning_wheels_alone_is_no_motion():
     assert not read_command({"drive": {"steering_angle": 0.3}}, None).moves
     assert read_command({"drive": {"acceleration": 0.5}}, None).moves
     assert read_command({"drive": {"speed": -0.1}}, None).moves
@@ -260,7 +252,7 @@ VECTOR = st.dictionaries(st.sampled_from(["x", "y", "z", "w"]), NUMBER, max_size
         st.sampled_from(["linear", "angular", "twist", "header"]), VECTOR | NUMBER, max_size=3
     )
 )
-def test_whatever_passes_is_finite_and_json(message: dict[str, Any]) -> None:
+def test_whatever_passes_is_finite_and_json(message):
     try:
         command = read_command(message, None)
     except DriveMessageRefusedError:
@@ -270,11 +262,11 @@ def test_whatever_passes_is_finite_and_json(message: dict[str, Any]) -> None:
     json.dumps(write_command(command), allow_nan=False)
 
 
-def length(values: Vector) -> float:
+def length(values):
     return math.hypot(*values)
 
 
-def driven(speed: float) -> CheckedCommand:
+def driven(speed):
     return CheckedCommand("twist", (speed, 0.0, 0.0))
 
 
@@ -319,18 +311,18 @@ def test_braking_is_never_delayed(before, part, step_s, within):
 
 
 @given(commands, step, limits)
-def test_a_stop_is_a_stop(before: CheckedCommand, step_s: float, within: DriveLimits) -> None:
+def test_a_stop_is_a_stop(before, step_s, within):
     assert not limited(CheckedCommand("twist"), before, step_s, within).moves
 
 
 @pytest.mark.parametrize(("wanted", "allowed"), [(9.0, 2.0), (-9.0, -2.0), (1.0, 1.0)])
-def test_the_acceleration_that_a_car_is_told_is_limited(wanted: float, allowed: float) -> None:
+def test_the_acceleration_that_a_car_is_told_is_limited(wanted, allowed):
     command = CheckedCommand("ackermann", rates=(0.5, wanted, 3.0))
     got = limited(command, None, 0.05, DriveLimits(max_acceleration_m_s2=2))
     assert got.rates == (0.5, allowed, 3.0)
 
 
-def test_the_other_way_begins_at_a_standstill() -> None:
+def test_the_other_way_begins_at_a_standstill():
     """Full reverse brakes at once and then grows as from zero."""
     got = limited(driven(-5), driven(5), 0.05, DriveLimits(max_acceleration_m_s2=2))
     assert math.isclose(got.linear[0], -0.1)

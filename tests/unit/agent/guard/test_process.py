@@ -1,29 +1,24 @@
 """The guard as a process, before the simulated robot's own rosbridge and before one that misbehaves."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os
 import signal
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from pathlib import Path
-from typing import Any
 
 import aiohttp
 import pytest
 from fake_pipe import FakePipe
-from guard_process import WAIT_S, GuardClient, GuardEnd, GuardHere, GuardProcess
+from guard_process import WAIT_S, GuardClient, GuardHere, GuardProcess
 from robotether_agent.clock import robot_time
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.latch import StopFile
 from robotether_agent.guard.process import Guard
 from robotether_agent.rosbridge_socket import new_http
 from sim_client import SETTINGS, until
-from sim_robot.graph import Node, TopicMessage
+from sim_robot.graph import Node
 from sim_robot.simulator import Simulator
 
 DEADMAN_S = 0.5
@@ -33,40 +28,38 @@ LATE_DEADMAN_MS = 2000
 
 
 class Robot:
-    def __init__(self, simulator: Simulator) -> None:
+    def __init__(self, simulator):
         self.port = simulator.rosbridge.port
-        self.commands: list[tuple[float, float]] = []
+        self.commands = []
         bus = simulator.graph.bus
         bus.subscribe("/cmd_vel", "geometry_msgs/Twist", Node("/wheels"), self._receive)
 
-    def _receive(self, message: TopicMessage) -> None:
+    def _receive(self, message):
         self.commands.append((time.monotonic(), message.values["linear"]["x"]))
 
     @property
-    def speeds(self) -> list[float]:
+    def speeds(self):
         return [speed for _, speed in self.commands]
 
-    def zero_after(self, since: float) -> float:
+    def zero_after(self, since):
         """Seconds from a moment to the first zero after it."""
         return next(at for at, speed in self.commands if speed == 0 and at >= since) - since
 
     @property
-    def stopped_before_deadman(self) -> bool:
+    def stopped_before_deadman(self):
         """Whether the first zero came well before the deadman's, which counts from a bit before the last motion."""
         first = self.speeds.index(0.0)
         return self.commands[first][0] - self.commands[first - 1][0] < LATE_DEADMAN_MS / 1000 - 0.1
 
 
 @pytest.fixture
-async def robot() -> AsyncIterator[Robot]:
+async def robot():
     async with Simulator(SETTINGS) as simulator:
         yield Robot(simulator)
 
 
 @asynccontextmanager
-async def driven(
-    place: Path, robot: Robot, **options: Any
-) -> AsyncIterator[tuple[GuardHere, GuardClient]]:
+async def driven(place, robot, **options):
     """A guard, and the client that holds its lease."""
     async with GuardHere(place, robot.port, **options) as guard:
         await guard.grant(13)
@@ -74,7 +67,7 @@ async def driven(
             yield guard, client
 
 
-async def drive_on(client: GuardClient, seconds: float = 0.3) -> float:
+async def drive_on(client, seconds=0.3):
     end = time.monotonic() + seconds
     while True:
         await client.drive(0.5)
@@ -84,12 +77,11 @@ async def drive_on(client: GuardClient, seconds: float = 0.3) -> float:
         await asyncio.sleep(0.05)
 
 
-def refusals(guard: GuardEnd) -> dict[str, int]:
-    counts: dict[str, int] = guard.state["refused"]
-    return counts
+def refusals(guard):
+    return guard.state["refused"]
 
 
-async def test_a_robot_stops_when_commands_stop(place: Path, robot: Robot) -> None:
+async def test_a_robot_stops_when_commands_stop(place, robot):
     """Ten zeros follow after the deadman time, then silence; the connection stays open. Commands are limited."""
     async with driven(place, robot, max_speed_m_s=0.2) as (guard, client):
         last = await drive_on(client)
@@ -103,7 +95,7 @@ async def test_a_robot_stops_when_commands_stop(place: Path, robot: Robot) -> No
         assert robot.speeds.count(0.0) == 10
 
 
-async def test_a_topic_that_drives_no_more_stops(place: Path, robot: Robot) -> None:
+async def test_a_topic_that_drives_no_more_stops(place, robot):
     """Settings that change in motion: what the server still stamps is refused, and the robot gets its zeros."""
     async with driven(place, robot) as (guard, client):
         await client.drive(0.5)
@@ -118,14 +110,14 @@ async def test_a_topic_that_drives_no_more_stops(place: Path, robot: Robot) -> N
         assert refusals(guard)["shape"] > 0
 
 
-LOSSES: dict[str, Callable[[GuardEnd, GuardClient], object]] = {
+LOSSES = {
     "connection": lambda _, client: client.socket._response.close(),
     "lease": lambda guard, _: guard.tell(type="lease", fence=13, held=False),
     "newer lease": lambda guard, _: guard.tell(type="lease", fence=14, held=True),
     "stop": lambda guard, _: guard.tell(type="stop", id="5f", by="ben"),
     "session": lambda guard, _: guard.tell(type="session", up=False),
 }
-ENDS: dict[str, Callable[[GuardProcess], object]] = {
+ENDS = {
     "end of input": lambda guard: guard.leave(),
     "exit": lambda guard: guard.tell(type="exit"),
     "SIGTERM": lambda guard: guard.process.send_signal(signal.SIGTERM),
@@ -133,7 +125,7 @@ ENDS: dict[str, Callable[[GuardProcess], object]] = {
 
 
 @pytest.mark.parametrize("loss", LOSSES)
-async def test_each_loss_stops_the_robot(place: Path, robot: Robot, loss: str) -> None:
+async def test_each_loss_stops_the_robot(place, robot, loss):
     """At once, well before the deadman time would, and whoever may not drive any more is put out."""
     async with driven(place, robot, deadman_ms=LATE_DEADMAN_MS) as (guard, client):
         await drive_on(client)
@@ -144,7 +136,7 @@ async def test_each_loss_stops_the_robot(place: Path, robot: Robot, loss: str) -
 
 
 @pytest.mark.parametrize("end", ENDS)
-async def test_each_end_of_the_guard_stops_the_robot(place: Path, robot: Robot, end: str) -> None:
+async def test_each_end_of_the_guard_stops_the_robot(place, robot, end):
     async with GuardProcess(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
@@ -156,7 +148,7 @@ async def test_each_end_of_the_guard_stops_the_robot(place: Path, robot: Robot, 
             assert not (place / "motion.json").exists()
 
 
-async def test_a_log_that_nobody_reads_holds_up_no_stop(place: Path, robot: Robot) -> None:
+async def test_a_log_that_nobody_reads_holds_up_no_stop(place, robot):
     """A journal or a container's log driver may hang; what would wait for it is dropped, and counted."""
     unread, full = os.pipe()
     with os.fdopen(unread, "rb", 0) as log, os.fdopen(full, "wb", 0) as stderr:
@@ -178,7 +170,7 @@ async def test_a_log_that_nobody_reads_holds_up_no_stop(place: Path, robot: Robo
             assert b"messages" in log.read(1 << 20)
 
 
-async def test_a_silent_agent_holds_the_robot(place: Path, robot: Robot) -> None:
+async def test_a_silent_agent_holds_the_robot(place, robot):
     """One second without a tick, and a driver who goes on drives nobody until the next one."""
     async with driven(place, robot, deadman_ms=LATE_DEADMAN_MS) as (guard, client):
         # Once: the deadman of a first command wakes the guard, which would find the silence by that, too.
@@ -194,7 +186,7 @@ async def test_a_silent_agent_holds_the_robot(place: Path, robot: Robot) -> None
         await until("it drives again", lambda: 0.7 in robot.speeds)
 
 
-async def test_a_stop_outlives_the_guard(place: Path, robot: Robot) -> None:
+async def test_a_stop_outlives_the_guard(place, robot):
     async with GuardProcess(place, robot.port) as guard:
         await guard.grant(13)
         guard.tell(type="stop", id="5f", by="ben")
@@ -261,11 +253,11 @@ async def test_a_killed_guards_successor_stops_the_robot_and_knows_the_newest_le
             await guard.until(lambda: guard.state["fence"] == 15, "it reports the next one")
 
 
-def seen_by(guard: GuardEnd) -> list[Any]:
+def seen_by(guard):
     return [age for line in guard.lines if line["type"] == "seen" for age in line["ages_ms"]]
 
 
-async def test_the_guard_reports_how_old_is_what_the_driver_sees(place: Path, robot: Robot) -> None:
+async def test_the_guard_reports_how_old_is_what_the_driver_sees(place, robot):
     """The age counts from the frame's time to the command, by the robot's clock."""
     async with driven(place, robot) as (guard, client):
         taken_ms = robot_time() * 1000 - 300
@@ -296,7 +288,7 @@ async def test_direct_connections_drive_while_nobody_has_the_lease(place, robot)
     assert json.loads((place / "fence.json").read_text()) == {"fence": 1}
 
 
-async def test_broken_lines_of_the_agent_do_no_harm(place: Path, robot: Robot) -> None:
+async def test_broken_lines_of_the_agent_do_no_harm(place, robot):
     async with GuardHere(place, robot.port) as guard:
         guard.write(b"rubbish\n{}\n" + b"x" * 200_000 + b"\n")
         guard.reconfigure(guard={"deadman_ms": 3})

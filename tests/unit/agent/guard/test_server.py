@@ -1,10 +1,7 @@
 """Whose connections the guard accepts, and what passes through one."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import AsyncExitStack, suppress
-from pathlib import Path
 from unittest.mock import AsyncMock, Mock
 
 import aiohttp
@@ -17,7 +14,7 @@ from robotether_agent.guard.topics import Authorization
 from sim_client import until
 
 
-async def refusal(port: int, fence: int | None = 0) -> aiohttp.WSServerHandshakeError:
+async def refusal(port, fence=0):
     """What a handshake is refused with."""
     with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
         async with GuardClient(port, fence):
@@ -25,7 +22,7 @@ async def refusal(port: int, fence: int | None = 0) -> aiohttp.WSServerHandshake
     return refused.value
 
 
-async def test_a_newer_driver_ends_the_older_one(guard: GuardHere) -> None:
+async def test_a_newer_driver_ends_the_older_one(guard):
     """It does so at the handshake, before any line of the lease came; observers stay."""
     async with AsyncExitStack() as stack:
         observer, old, new = [
@@ -49,7 +46,7 @@ async def test_a_disk_that_cannot_be_written_lets_nobody_drive(guard, place):
         assert not observer.socket.closed
 
 
-async def test_the_relay_reads_why_it_is_refused(place: Path) -> None:
+async def test_the_relay_reads_why_it_is_refused(place):
     """A close reason has room for some 80 characters of it."""
     async with (
         FakeRosbridge(mode="refuses") as rosbridge,
@@ -66,11 +63,11 @@ async def test_the_relay_reads_why_it_is_refused(place: Path) -> None:
     ]
 
 
-async def test_a_look_up_needs_no_place(guard: GuardHere, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_look_up_needs_no_place(guard, monkeypatch):
     """The server asks whether rosbridge is there, however many connections are open."""
     monkeypatch.setattr(server_module, "MAX_CONNECTIONS", 0)
     assert (await refusal(guard.port)).status == 503
-    answers: list[int] = []
+    answers = []
     async with asyncio.timeout(5), aiohttp.ClientSession() as http:
         # 502 until the guard is connected to rosbridge.
         while answers[-1:] != [426]:
@@ -91,7 +88,7 @@ async def test_who_does_not_drive_leaves_a_driver_room(guard, monkeypatch):
             assert not driver.socket.closed
 
 
-async def enters(port: int) -> bool:
+async def enters(port):
     try:
         async with GuardClient(port, None):
             return True
@@ -114,7 +111,7 @@ async def test_a_direct_connection_that_ends_frees_its_place(guard, monkeypatch)
         pytest.fail("its place is not free in 5 s")
 
 
-async def test_answers_are_few(guard: GuardHere) -> None:
+async def test_answers_are_few(guard):
     """One a second of each kind, however many were refused; the first names its message."""
     async with GuardClient(guard.port, 0) as client:
         await client.send(op="png", id="p1")
@@ -128,7 +125,7 @@ async def test_answers_are_few(guard: GuardHere) -> None:
         ]
 
 
-async def test_client_that_reads_nothing_gets_no_more_answers() -> None:
+async def test_client_that_reads_nothing_gets_no_more_answers():
     client = Mock(closed=False, send_frame=AsyncMock())
     proxy = server_module.ClientProxy(Authorization("observe"), client, Mock(), Mock())
     for waiting, answers in ((server_module.ANSWERS_WAITING_BYTES + 1, 0), (0, 1)):
@@ -138,7 +135,7 @@ async def test_client_that_reads_nothing_gets_no_more_answers() -> None:
         assert client.send_frame.call_count == answers
 
 
-async def test_pings_go_all_the_way(guard: GuardHere) -> None:
+async def test_pings_go_all_the_way(guard):
     """So that a client sees whether rosbridge lives, and not whether the guard does."""
     async with GuardClient(guard.port, 0) as client:
         client.socket._autoping = False
@@ -181,9 +178,7 @@ async def test_a_client_that_reads_nothing_stops_the_reading_of_its_robot(guard,
     async with GuardClient(guard.port, 0) as client, GuardClient(guard.port, 0) as other:
         await until("they are joined", lambda: len(rosbridge.sockets) == 3)
         transport = client.socket._response.connection
-        assert transport is not None
-        assert transport.transport is not None
-        transport.transport.pause_reading()  # type: ignore[attr-defined]
+        transport.transport.pause_reading()
         sent = 0
         with suppress(asyncio.TimeoutError):
             while sent < 256:

@@ -1,24 +1,22 @@
 """What the drive controller knows of each drive topic, and which it takes, with a line and a clock of the tests."""
 
-from __future__ import annotations
-
 import asyncio
 
 from controller_world import FakeSource, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robotether_agent.guard.topics import MAX_TOPICS, MAX_TYPES, Authorization, Topic, Topics
+from robotether_agent.guard.topics import MAX_TOPICS, MAX_TYPES, Authorization, Topics
 
 
-def stays(_: Topic) -> bool:
+def stays(_):
     return False
 
 
-def goes(_: Topic) -> bool:
+def goes(_):
     return True
 
 
-def test_the_next_rosbridge_knows_no_topic() -> None:
+def test_the_next_rosbridge_knows_no_topic():
     """It must be told of none that parted, and anew of those that stay."""
     topics = Topics()
     topics.ensure("/stays", 0.0, stays).announced = True
@@ -29,7 +27,7 @@ def test_the_next_rosbridge_knows_no_topic() -> None:
     assert [(topic.name, topic.announced) for topic in topics] == [("/stays", False)]
 
 
-def test_named_topics_have_places_of_their_own() -> None:
+def test_named_topics_have_places_of_their_own():
     topics = Topics()
     topics.named = frozenset({"/cmd_vel"})
     topics.ensure("/cmd_vel", 0.0, goes)
@@ -39,7 +37,7 @@ def test_named_topics_have_places_of_their_own() -> None:
     assert [topic.name for topic in topics] == ["/cmd_vel"]
 
 
-def test_a_topic_that_comes_back_is_not_unadvertised() -> None:
+def test_a_topic_that_comes_back_is_not_unadvertised():
     topics = Topics()
     topics.ensure("/t", 0.0, goes).announced = True
     topics.free_unmoved(goes)
@@ -48,12 +46,12 @@ def test_a_topic_that_comes_back_is_not_unadvertised() -> None:
     assert not topics.parting
 
 
-def advertised(topics: Topics, names: list[str]) -> None:
+def advertised(topics, names):
     for at, name in enumerate(names):
         topics.ensure(name, float(at), goes).type = "geometry_msgs/Twist"
 
 
-def test_the_type_of_a_topic_that_made_room_comes_back_with_it() -> None:
+def test_the_type_of_a_topic_that_made_room_comes_back_with_it():
     """Its client advertised it once; if more topics come than may be kept, the last ones to go count."""
     topics = Topics()
     invented = [f"/t{number}" for number in range(MAX_TOPICS + MAX_TYPES)]
@@ -62,7 +60,7 @@ def test_the_type_of_a_topic_that_made_room_comes_back_with_it() -> None:
     assert topics.ensure("/first", 201.0, goes).type == ""
 
 
-def test_a_new_driver_finds_no_types_of_topics_that_made_room() -> None:
+def test_a_new_driver_finds_no_types_of_topics_that_made_room():
     """Else the one before could make rosbridge refuse what the new one sends."""
     topics = Topics()
     advertised(topics, ["/first", *(f"/t{number}" for number in range(MAX_TOPICS))])
@@ -70,7 +68,7 @@ def test_a_new_driver_finds_no_types_of_topics_that_made_room() -> None:
     assert {topics.ensure(name, 50.0, goes).type for name in ("/first", "/t1")} == {""}
 
 
-def test_a_new_driver_frees_no_topic_that_moved_or_must_stay() -> None:
+def test_a_new_driver_frees_no_topic_that_moved_or_must_stay():
     """A zero may be owed to one that never moved, too."""
     topics = Topics()
     topics.ensure("/moved", 0.0, goes).moved = True
@@ -79,7 +77,7 @@ def test_a_new_driver_frees_no_topic_that_moved_or_must_stay() -> None:
     assert [topic.name for topic in topics] == ["/moved", "/stays"]
 
 
-async def test_a_topic_is_advertised_on_the_publisher(world: World) -> None:
+async def test_a_topic_is_advertised_on_the_publisher(world):
     await world.send(op="advertise", type="geometry_msgs/Twist", latch=True)
     await world.send(op="advertise", type="geometry_msgs/Twist")
     advertise = {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
@@ -95,7 +93,7 @@ async def test_a_topic_is_advertised_on_the_publisher(world: World) -> None:
 STAMPED = {"twist": {"linear": {"x": 0.0}}}
 
 
-async def test_a_stop_reaches_a_robot_whose_driver_changed_the_type(world: World) -> None:
+async def test_a_stop_reaches_a_robot_whose_driver_changed_the_type(world):
     """Neither a message nor an advertisement turns the guard's zeros into something that rosbridge refuses."""
     await world.drive(0.5)
     await world.send(op="advertise", type="geometry_msgs/Twist")
@@ -108,7 +106,7 @@ async def test_a_stop_reaches_a_robot_whose_driver_changed_the_type(world: World
     assert world.publisher.speeds[-1] == 0.0
 
 
-async def test_another_type_is_taken_when_the_robot_stands(world: World) -> None:
+async def test_another_type_is_taken_when_the_robot_stands(world):
     await world.drive(0.5)
     await world.pass_time(1.2)
     await world.drive(0.5, msg=STAMPED)
@@ -116,18 +114,18 @@ async def test_another_type_is_taken_when_the_robot_stands(world: World) -> None
     assert world.publisher.sent[-1]["msg"]["twist"]
 
 
-async def invent(world: World, count: int, speed: float = 0.0) -> None:
+async def invent(world, count, speed=0.0):
     for number in range(count):
         world.publisher.read_until = world.now = world.now + 0.001
         world.authorizer.on_agent_message(world.now)
         await world.drive(speed, topic=f"/i{number}/cmd_vel")
 
 
-def names(world: World, operation: str) -> list[str]:
+def names(world, operation):
     return [m["topic"] for m in world.publisher.sent if m["op"] == operation]
 
 
-async def test_invented_topics_do_not_keep_the_real_one_out(world: World) -> None:
+async def test_invented_topics_do_not_keep_the_real_one_out(world):
     """Those that stand make room, the oldest first, and rosbridge is told."""
     await invent(world, MAX_TOPICS + 2)
     world.publisher.read_until = world.now
@@ -138,7 +136,7 @@ async def test_invented_topics_do_not_keep_the_real_one_out(world: World) -> Non
     assert names(world, "publish")[-1] == "/real/cmd_vel"
 
 
-async def test_what_moves_or_is_zeroed_keeps_its_place(world: World) -> None:
+async def test_what_moves_or_is_zeroed_keeps_its_place(world):
     """Also a stop that rosbridge may not have read; and a named topic needs nobody's place."""
     await invent(world, MAX_TOPICS, speed=0.1)
     world.controller.on_disconnected(world.source)
@@ -156,7 +154,7 @@ async def test_what_moves_or_is_zeroed_keeps_its_place(world: World) -> None:
     assert names(world, "publish")[-1] == "/real/cmd_vel"
 
 
-async def test_a_new_driver_finds_free_places(world: World) -> None:
+async def test_a_new_driver_finds_free_places(world):
     """Of topics that were only named; whoever may not drive gets nobody's place."""
     await invent(world, MAX_TOPICS)
     world.publisher.read_until = world.now
@@ -173,7 +171,7 @@ async def test_a_new_driver_finds_free_places(world: World) -> None:
     assert direct.kinds == ["shape"]
 
 
-async def test_an_empty_message_stops_also_a_topic_that_made_room(world: World) -> None:
+async def test_an_empty_message_stops_also_a_topic_that_made_room(world):
     """Rosbridge reads it as zero of the advertised type."""
     await world.send(op="advertise", topic="/real/cmd_vel", type="geometry_msgs/Twist")
     await invent(world, MAX_TOPICS)
@@ -184,7 +182,7 @@ async def test_an_empty_message_stops_also_a_topic_that_made_room(world: World) 
     assert world.publisher.speeds[-2:] == [0.5, 0.0]
 
 
-async def test_a_broken_command_takes_nobodys_place(world: World) -> None:
+async def test_a_broken_command_takes_nobodys_place(world):
     await invent(world, MAX_TOPICS)
     world.publisher.read_until = world.now
     await world.drive(0.5, topic="/real/cmd_vel", msg={"linear": {"x": None}})
@@ -206,8 +204,8 @@ STEPS = st.lists(
 
 @settings(max_examples=40)
 @given(STEPS)
-def test_every_motion_ends_with_its_zero(steps: list[tuple[int, bool, float, bool]]) -> None:
-    async def scenario() -> None:
+def test_every_motion_ends_with_its_zero(steps):
+    async def scenario():
         world = World()
         for number, moves, pause_s, read in steps:
             await world.drive(float(moves), topic=f"/i{number}/cmd_vel")

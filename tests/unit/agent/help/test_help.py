@@ -1,12 +1,8 @@
 """The rules by which a robot asks for help, and their way from its topics to the session's lines."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import json
-from collections.abc import Callable
-from typing import Any
 
 import pytest
 from fake_cloud import eventually
@@ -29,7 +25,6 @@ from robotether_agent.help.rules import (
     level_in,
     position_in,
 )
-from robotether_agent.rosbridge import RosGraph
 from robotether_common.session import MAX_HELP_REASON, Battery, HelpCall
 
 SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
@@ -104,7 +99,6 @@ def test_rule_asks_once_until_it_was_clear(source):
         ]
     ]
     assert [call.source for call in asked if call] == [source, source]
-    assert asked[1] is not None
     assert asked[-1] is not None
     assert asked[1].reason
 
@@ -234,26 +228,26 @@ FENCE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0))
 class World:
     """A robot's caller with what it sends; `reads` is set while the server reads."""
 
-    def __init__(self, graph: RosGraph, spawn: Callable[..., asyncio.Future[Any]]) -> None:
-        self.sent: list[tuple[Any, ...]] = []
-        self.stopped: bool | None = None
-        self.battery: Battery | None = None
+    def __init__(self, graph, spawn):
+        self.sent = []
+        self.stopped = None
+        self.battery = None
         self.reads = asyncio.Event()
         self.reads.set()
         self.caller = HelpCaller(graph, lambda: (self.stopped, "ben"), lambda: self.battery)
         self._spawn = spawn
-        self._session: asyncio.Future[Any] | None = None
+        self._session = None
 
-    def new_session(self) -> None:
+    def new_session(self):
         if self._session is not None:
             self._session.cancel()
         self._session = self._spawn(self.caller.report(self.send, self.reads.wait))
 
-    def send(self, message: Any) -> None:
+    def send(self, message):
         assert message["type"] == "help"
         self.sent.append((message["source"], message["reason"], message["priority"]))
 
-    async def has_sent(self, *sources: str) -> None:
+    async def has_sent(self, *sources):
         await eventually(
             lambda: sorted(source for source, *_ in self.sent) == sorted(sources),
             lambda: str(self.sent),
@@ -261,14 +255,14 @@ class World:
 
 
 @pytest.fixture(autouse=True)
-def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_pauses(monkeypatch):
     for name in ("RETRY_S", "CHECK_EVERY_S", "SEND_EVERY_S"):
         monkeypatch.setattr(caller_module, name, 0.05)
 
 
 @pytest.fixture
-def start(make_graph, spawn) -> Callable[..., World]:
-    def begin(url: str, config: HelpConfig) -> World:
+def start(make_graph, spawn):
+    def begin(url, config):
         world = World(make_graph(url), spawn)
         world.caller.use(config)
         spawn(world.caller.watch())

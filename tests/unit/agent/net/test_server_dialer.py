@@ -1,7 +1,5 @@
 """The way to the server: whichever port answers, what silence costs, and connections in hand."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 import time
@@ -23,11 +21,11 @@ from ssh_ports import BANNER, SshPort
 WAIT_S = 20.0
 
 
-def at(port: int, host: str = "127.0.0.1") -> SshAddress:
+def at(port, host="127.0.0.1"):
     return SshAddress(host, port, "tunnel")
 
 
-def cells(*ports: int) -> list[SshAddress]:
+def cells(*ports):
     return [SshAddress("127.0.0.1", port, "tunnel", cell=ListedCell("", (port,))) for port in ports]
 
 
@@ -43,7 +41,7 @@ def silent_port():
             yield full.getsockname()[1]
 
 
-async def words(connection: socket.socket) -> bytes:
+async def words(connection):
     with connection:
         return await asyncio.wait_for(asyncio.get_running_loop().sock_recv(connection, 64), 5)
 
@@ -116,7 +114,7 @@ async def test_it_is_found_soon_after_it_answers(tries_by_itself, quiet_network,
         monkeypatch.setattr(server_dialer, "TRY_EVERY_S", (60.0, 60.0))
     known = asyncio.Event()
 
-    def lookup(_: str, port: int):
+    def lookup(_, port):
         if not known.is_set():
             raise socket.gaierror(-3, "Temporary failure in name resolution")
         return [(socket.AF_INET, ("127.0.0.1", port))]

@@ -1,12 +1,9 @@
 """TCP connections to the server: names and addresses, attempts side by side, a proxy, and the kernel's news."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import socket
 import threading
-from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
@@ -32,7 +29,7 @@ FOUR = [(socket.AF_INET, (f"192.0.2.{number}", 22)) for number in (1, 2)]
 SIX = [(socket.AF_INET6, (f"2001:db8::{number}", 22, 0, 0)) for number in (1, 2, 3)]
 
 
-def option(connection: socket.socket, number: int) -> int:
+def option(connection, number):
     return connection.getsockopt(socket.IPPROTO_TCP, number)
 
 
@@ -52,13 +49,13 @@ def test_a_live_path_is_not_stuck(connection):
 
 
 class NameService:
-    def __init__(self) -> None:
-        self.answer: list | OSError = FOUR
+    def __init__(self):
+        self.answer = FOUR
         self.free = threading.Event()
         self.free.set()
         self.asked = 0
 
-    def __call__(self, host: str, port: int) -> list:
+    def __call__(self, host, port):
         self.asked += 1
         answer = self.answer
         assert self.free.wait(10)
@@ -67,7 +64,7 @@ class NameService:
         return answer
 
     @contextmanager
-    def hanging(self) -> Iterator[None]:
+    def hanging(self):
         self.free.clear()
         try:
             yield
@@ -76,7 +73,7 @@ class NameService:
 
 
 @pytest.fixture
-def names() -> NameService:
+def names():
     return NameService()
 
 
@@ -117,7 +114,7 @@ async def test_a_name_service_that_never_answered(names, monkeypatch):
         await Resolver(names).addresses("h", 22)
 
 
-def at(*addresses: str):
+def at(*addresses):
     return Resolver(lambda _, port: [(socket.AF_INET, (address, port)) for address in addresses])
 
 
@@ -129,13 +126,13 @@ async def test_an_address_that_refuses_is_passed_over():
 
 
 class Attempts:
-    def __init__(self) -> None:
-        self.started: list[str] = []
-        self.ended: list[str] = []
-        self.dropped: list[str] = []
+    def __init__(self):
+        self.started = []
+        self.ended = []
+        self.dropped = []
 
-    def that(self, name: str, outcome=None, *, when: asyncio.Event | None = None):
-        async def attempt() -> str:
+    def that(self, name, outcome=None, *, when=None):
+        async def attempt():
             self.started.append(name)
             try:
                 await (when or asyncio.Event()).wait() if when or outcome is None else None
@@ -153,7 +150,7 @@ def never():
 
 
 @pytest.fixture
-def attempts() -> Attempts:
+def attempts():
     return Attempts()
 
 
@@ -241,9 +238,8 @@ def test_each_answer_is_told(head, kind, words):
     assert "\x1b" not in str(problem)
 
 
-async def ask(url: str) -> None:
+async def ask(url):
     proxy = proxy_of(url)
-    assert proxy is not None
     with await connect(proxy.host, proxy.port, Resolver(), "the proxy") as connection:
         await ask_for(connection, proxy, "127.0.0.1", 9)
 

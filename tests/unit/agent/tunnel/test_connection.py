@@ -1,17 +1,14 @@
 """One connection with a real sshd: what its configurations change, and who learns of its end."""
 
-from __future__ import annotations
-
 import asyncio
-from collections.abc import AsyncIterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 from unittest.mock import Mock
 
 import pytest
-from fake_cloud import FakeCloud, eventually
-from openssh_server import OpenSshServer, listens
+from fake_cloud import eventually
+from openssh_server import listens
 from robotether_agent.enrolment.join import parse_host_keys
 from robotether_agent.enrolment.keys import KeyPair, ensure_key, pin_host_keys
 from robotether_agent.guard.supervisor import GuardSupervisor
@@ -20,9 +17,8 @@ from robotether_agent.problems import AgentError
 from robotether_agent.settings import MAX_RUN_DIR_LENGTH
 from robotether_agent.tunnel.connection import Role, run_connection
 from robotether_agent.tunnel.openssh import ServiceAddress, SshFiles
-from robotether_agent.tunnel.session import Session, SessionConfig
+from robotether_agent.tunnel.session import SessionConfig
 from robotether_agent.tunnel.tunnel import Tunnel
-from robotether_common.session import Kind
 
 
 @dataclass
@@ -30,12 +26,12 @@ class Up:
     configs: list[SessionConfig] = field(default_factory=list)
     ports_were_open: bool = True
 
-    def note(self, _: SshAddress, config: SessionConfig, __: Session) -> None:
+    def note(self, _, config, __):
         self.configs.append(config)
         self.ports_were_open &= listens(config.ports["video"])
 
     @property
-    def ports(self) -> list[int]:
+    def ports(self):
         return [config.ports["video"] for config in self.configs]
 
 
@@ -45,9 +41,7 @@ class Robot:
     files: SshFiles
     started: list[asyncio.Future[Any]] = field(default_factory=list)
 
-    def connect(
-        self, ssh: OpenSshServer, up: Up, kind: Kind = "media", **more: Any
-    ) -> asyncio.Future[Any]:
+    def connect(self, ssh, up, kind="media", **more):
         """Start a connection whose forward leads nowhere."""
         pin_host_keys(self.files.known_hosts, parse_host_keys({"host_keys": ssh.host_keys}))
         role = Role(kind=kind, target=lambda: ServiceAddress("127.0.0.1", 9), on_up=up.note, **more)
@@ -57,7 +51,7 @@ class Robot:
 
 
 @pytest.fixture
-async def robot(place) -> AsyncIterator[Robot]:
+async def robot(place):
     key = await ensure_key(place)
     made = Robot(key, SshFiles((key.path,), place / "known_hosts", place / "session.ctl"))
     yield made
@@ -69,19 +63,19 @@ async def robot(place) -> AsyncIterator[Robot]:
 
 
 @pytest.fixture
-async def cloud(make_cloud, robot) -> FakeCloud:
+async def cloud(make_cloud, robot):
     made = await make_cloud()
     made.authorize(robot.key.public)
     return made
 
 
-def config(cloud: FakeCloud, video_port: int) -> dict[str, object]:
+def config(cloud, video_port):
     times = {"heartbeat_s": 0.2, "timeout_s": 15.0}
     ports = {"ros_port": cloud.ports[0], "video_port": video_port}
     return {"type": "config", "robot": "sim1", "guard": {}, **ports, **times}
 
 
-async def is_up(up: Up) -> None:
+async def is_up(up):
     await eventually(lambda: bool(up.configs), lambda: f"it is up: {up}")
 
 
@@ -103,7 +97,7 @@ async def test_several_configurations_at_once_end_at_the_newest(cloud, robot):
 async def test_the_guard_learns_of_a_lost_session_before_the_client_ends(cloud, robot, monkeypatch):
     """OpenSSH's client stays as long as connections through it do; a driver's is one."""
 
-    async def never(*_: object, **__: object) -> AgentError:
+    async def never(*_, **__):
         await asyncio.Event().wait()
         raise AssertionError
 

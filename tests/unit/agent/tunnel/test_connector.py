@@ -1,20 +1,16 @@
 """Where a robot connects to: the order of the server's machines, and which of them gets its session."""
 
-from __future__ import annotations
-
 import asyncio
 import json
-from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any, NoReturn
 
 import pytest
-from fake_cloud import FakeCloud, eventually
+from fake_cloud import eventually
 from robotether_agent.enrolment.enroller import ENROLMENT_FILE, Enroller, Enrolment
 from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.enrolment.keys import KeyPair, ensure_key
 from robotether_agent.fields import ListedCell
-from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer, SshAddress
+from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer
 from robotether_agent.problems import (
     AgentError,
     LinkLostError,
@@ -26,10 +22,7 @@ from robotether_agent.problems import (
 from robotether_agent.settings import Settings
 from robotether_agent.tunnel.connection import Role
 from robotether_agent.tunnel.connector import Connector
-from robotether_agent.tunnel.openssh import SshFiles
 
-Site = Callable[..., Awaitable[list[FakeCloud]]]
-Dial = Callable[..., Awaitable[list[tuple[ListedCell | None, float]]]]
 NOBODY = {"host": "127.0.0.1", "ports": [1]}
 
 MAC = "00:1b:44:11:3a:b7"
@@ -55,17 +48,15 @@ def test_the_settings_come_before_the_joins_answer(host, cells, settings, expect
 
 
 @pytest.fixture
-def dial(monkeypatch) -> Dial:
-    found: list[tuple[ListedCell | None, float]] = []
+def dial(monkeypatch):
+    found = []
 
-    async def find(_: ServerDialer, targets: list[SshAddress], *, unreached_s: float) -> SshAddress:
+    async def find(_, targets, *, unreached_s):
         found.append((targets[0].cell, unreached_s))
         return targets[0]
 
-    async def connect(
-        cells: tuple[ListedCell, ...], end: Callable[[SshAddress], AgentError], times: int
-    ) -> list[tuple[ListedCell | None, float]]:
-        async def run(target: SshAddress, _: SshFiles, role: Role) -> NoReturn:
+    async def connect(cells, end, times):
+        async def run(target, _, role):
             problem = end(target)
             if not isinstance(problem, ServerUnreachableError):
                 role.on_up(target, None, None)
@@ -109,7 +100,7 @@ async def test_after_a_cell_that_hangs_the_others_come_first(took_s, tried, dial
     """Its other port would take as long again; one that refuses there may be let through here."""
     now, targets_tried = [0.0], []
 
-    def hang(target: SshAddress) -> AgentError:
+    def hang(target):
         targets_tried.append(f"{target.host.removesuffix('.example')} {target.port}")
         now[0] += took_s
         return ServerUnreachableError("timed out")
@@ -134,10 +125,10 @@ async def test_a_server_that_moved_is_found_by_the_web(cloud, start_agent, monke
 
 
 @pytest.fixture
-async def site(make_cloud, place) -> Site:
+async def site(make_cloud, place):
     """Makes a server of so many machines that let the robot in; only the first has a web."""
 
-    async def make(count: int = 2) -> list[FakeCloud]:
+    async def make(count=2):
         first, *others = [await make_cloud() for _ in range(count)]
         (place / "state").mkdir(mode=0o700)
         key = await ensure_key(place / "state")
@@ -154,12 +145,12 @@ async def site(make_cloud, place) -> Site:
     return make
 
 
-def kept(place: Path) -> Any:
+def kept(place):
     cells = json.loads((place / "state" / ENROLMENT_FILE).read_text())["ssh"]["cells"]
     return [{name: cell[name] for name in ("host", "ports")} for cell in cells]
 
 
-async def at(cloud: FakeCloud, kind: str = "session") -> None:
+async def at(cloud, kind="session"):
     await eventually(lambda: bool(cloud.of_kind(kind)), lambda: f"{kind} at {cloud.cell}")
 
 
@@ -245,6 +236,6 @@ async def test_the_only_relay_is_waited_for(site, start_agent, monkeypatch):
     assert len(first.of_kind("session")) == 1
 
 
-async def _never(*_: object) -> NoReturn:
+async def _never(*_):
     await asyncio.Event().wait()
     raise AssertionError("nothing sets it")

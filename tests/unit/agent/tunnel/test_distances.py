@@ -1,9 +1,6 @@
 """How far the server's machines are, and which of them a robot tries first and asks for."""
 
-from __future__ import annotations
-
 import asyncio
-from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack
 
 import pytest
@@ -21,38 +18,36 @@ A, B, C = (ListedCell(f"{name}.example", (2222,)) for name in "abc")
 
 
 class Listener(TcpService):
-    async def _talk(self, reader: asyncio.StreamReader, _: asyncio.StreamWriter) -> None:
+    async def _talk(self, reader, _):
         await reader.read()
 
 
 class SlowProxy(FakeProxy):
     """Emulates a distance: each way to a port takes its own time."""
 
-    def __init__(self, delays_s: Mapping[int, float]) -> None:
+    def __init__(self, delays_s):
         super().__init__()
         self._delays_s = delays_s
 
-    async def _join(
-        self, host: str, port: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-    ) -> None:
+    async def _join(self, host, port, reader, writer):
         await asyncio.sleep(self._delays_s[port])
         writer.write(b"HTTP/1.1 200 Connection established\r\n\r\n")
 
 
 @pytest.fixture(autouse=True)
-def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_pauses(monkeypatch):
     for name in ("FIRST_AFTER_S", "CHECK_EVERY_S"):
         monkeypatch.setattr(module, name, (0.01, 0.02))
 
 
 @pytest.fixture
-async def cells() -> AsyncIterator[list[ListedCell]]:
+async def cells():
     async with AsyncExitStack() as ends:
         listeners = [await ends.enter_async_context(Listener()) for _ in range(3)]
         yield [ListedCell(HOST, (listener.port,)) for listener in listeners]
 
 
-def known(**rtts_ms: float) -> Distances:
+def known(**rtts_ms):
     distances = Distances(ServerDialer())
     distances._rtts_s = {
         ListedCell(f"{name}.example", (2222,)): rtt_ms / 1000 for name, rtt_ms in rtts_ms.items()

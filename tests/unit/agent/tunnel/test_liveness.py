@@ -1,7 +1,5 @@
 """When a silent connection is given up: never while it works, and soon when the server answers elsewhere."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 from contextlib import nullcontext
@@ -20,7 +18,7 @@ from robotether_agent.tunnel import liveness
 from robotether_agent.tunnel.liveness import Path, Signs, is_certain, path_of, suspicion, watch
 
 
-def ends(here: tuple[object, ...], there: tuple[object, ...], family: int = socket.AF_INET) -> Mock:
+def ends(here, there, family=socket.AF_INET):
     """A connection with these two ends."""
     return Mock(family=family, getsockname=lambda: here, getpeername=lambda: there)
 

@@ -1,7 +1,5 @@
 """What the server's configuration asks of the agent beside its two tunnels: by itself, and with a real sshd."""
 
-from __future__ import annotations
-
 import asyncio
 import hashlib
 import threading

@@ -1,13 +1,9 @@
 """The session's protocol, with a real pair of sockets in the place of SSH, and the clocks that it reports."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import socket
 import time
-from collections.abc import AsyncIterator
-from typing import Any
 from unittest.mock import Mock, call
 
 import pytest
@@ -72,33 +68,33 @@ def test_broken_lines_do_nothing(line):
 
 
 class Peer:
-    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def __init__(self, reader, writer):
         self._reader = reader
         self._writer = writer
 
-    def send(self, message: dict[str, Any]) -> None:
+    def send(self, message):
         self.send_raw(json.dumps(message).encode() + b"\n")
 
-    def send_raw(self, data: bytes) -> None:
+    def send_raw(self, data):
         self._writer.write(data)
 
-    async def receive(self, kind: str) -> dict[str, Any]:
+    async def receive(self, kind):
         while True:
             message = json.loads(await asyncio.wait_for(self._reader.readline(), 5))
             if message["type"] == kind:
                 return message
 
-    def close(self) -> None:
+    def close(self):
         self._writer.close()
 
 
 @pytest.fixture
-def drive_handler() -> Mock:
+def drive_handler():
     return Mock()
 
 
 @pytest.fixture
-async def ends(drive_handler: Mock) -> AsyncIterator[tuple[Session, Peer]]:
+async def ends(drive_handler):
     ours, theirs = socket.socketpair()
     reader, writer = await asyncio.open_connection(sock=ours, limit=64 * 1024)
     peer_reader, peer_writer = await asyncio.open_connection(sock=theirs)
@@ -110,7 +106,7 @@ async def ends(drive_handler: Mock) -> AsyncIterator[tuple[Session, Peer]]:
 
 
 @pytest.fixture
-async def served(ends: tuple[Session, Peer]) -> AsyncIterator[tuple[Session, Peer]]:
+async def served(ends):
     session, peer = ends
     running = asyncio.ensure_future(session.run())
     yield session, peer
@@ -125,7 +121,6 @@ async def test_pings_in_the_given_time_and_measures(served):
     ping = await peer.receive("ping")
     peer.send({"type": "pong", "seq": ping["seq"], "t_ms": -1e9})
     assert (await peer.receive("ping"))["seq"] == ping["seq"] + 1
-    assert session.rtt_ms is not None
     assert 0 < session.rtt_ms < 5000
     assert abs(ping["t_ms"] / 1000 - time.clock_gettime(time.CLOCK_BOOTTIME)) < 5
 
@@ -212,7 +207,7 @@ async def test_messages_are_done_in_the_order_in_which_they_come(served, drive_h
 async def test_a_server_that_takes_nothing_ends_it(ends):
     session, _ = ends
 
-    def flood() -> None:
+    def flood():
         for _ in range(1000):
             session.send({"type": "health", "detail": "x" * 10_000})
 
@@ -264,7 +259,7 @@ async def test_bye_keeps_code_and_detail(ends, code, retry, advice):
     assert advice in error.value.advice
 
 
-def test_it_goes_on_while_the_robot_sleeps(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_goes_on_while_the_robot_sleeps(monkeypatch):
     shown = {time.CLOCK_MONOTONIC: 5.0, time.CLOCK_BOOTTIME: 65.0}
     monkeypatch.setattr(clock.time, "clock_gettime", shown.get)
     assert robot_time() == 65.0

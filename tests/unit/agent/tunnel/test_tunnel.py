@@ -1,7 +1,5 @@
 """One SSH connection: OpenSSH's command lines, its last words, and what stays behind."""
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import os
@@ -9,7 +7,6 @@ import re
 import shlex
 import socket
 import subprocess
-from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from unittest.mock import AsyncMock
@@ -40,7 +37,7 @@ TARGET = SshAddress("robots.example.com", 2222, "tunnel")
 CHANGED = "@    WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED!     @"
 
 
-def in_force(command: list[str]) -> dict[str, str]:
+def in_force(command):
     asked = [command[0], "-G", *command[1:]]
     text = subprocess.run(asked, check=True, capture_output=True, text=True).stdout
     return dict(line.partition(" ")[::2] for line in text.splitlines())
@@ -136,7 +133,7 @@ def test_a_client_that_never_connected(words, status, code):
     assert why_not_connected(words.splitlines(), status, TARGET, FILES).code == code
 
 
-def helper() -> list[str]:
+def helper():
     return shlex.split(_proxy_options()[0].removeprefix("ProxyCommand=").replace("%%", "%"))
 
 
@@ -162,7 +159,7 @@ async def dialer(make_cloud, place):
 
 
 @asynccontextmanager
-async def opened(target: SshAddress, files: SshFiles) -> AsyncIterator[Tunnel]:
+async def opened(target, files):
     tunnel = await Tunnel.open(target, files, "session")
     try:
         assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
@@ -205,7 +202,6 @@ async def test_a_close_that_is_cut_short_kills(waiting):
 async def test_the_client_runs_on_our_connection(dialer):
     cloud, target, files = dialer
     async with opened(target, files) as tunnel:
-        assert tunnel.socket is not None
         assert tunnel.socket.getpeername() == ("127.0.0.1", cloud.ssh.port)
         assert tunnel.socket.getsockopt(socket.IPPROTO_IP, socket.IP_TOS) == AF21 << 2
     assert tunnel.socket.fileno() == -1
@@ -232,9 +228,9 @@ async def test_a_client_that_cannot_start_ends_nothing_else(dialer, monkeypatch)
         await Tunnel.open(target, files, "media")
 
 
-def clients() -> list[int]:
+def clients():
     return [pid for pid in descendants(os.getpid()) if "session.ctl" in command_line(pid)]
 
 
-def _descriptors() -> int:
+def _descriptors():
     return len(list(Path("/proc/self/fd").iterdir()))

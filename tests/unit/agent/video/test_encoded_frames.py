@@ -1,12 +1,8 @@
 """A receiver that decodes more than JPEG: what it gets, in which order, and when it gets JPEGs after all."""
 
-from __future__ import annotations
-
 import os
 import sys
-from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack
-from typing import Any
 
 import pytest
 from fake_cameras import fake_jpeg
@@ -28,25 +24,18 @@ CODECS = ["h264", "jpeg"]
 # An encoder starts, on a busy machine.
 STARTS_WITHIN_S = 30
 
-MakeWorld = Callable[..., World]
-
 
 @pytest.fixture(autouse=True)
-def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+def two_cores(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
 
 
 @pytest.fixture
-async def make_world() -> AsyncIterator[MakeWorld]:
+async def make_world():
     async with AsyncExitStack() as ends:
 
-        def make(
-            *command: str,
-            setting: str = "auto",
-            steps_quality: bool = True,
-            line_rate: int | None = None,
-        ) -> World:
-            reports: list[str] = []
+        def make(*command, setting="auto", steps_quality=True, line_rate=None):
+            reports = []
             pool = EncoderPool(setting, command or COMMAND, reports.append, lambda: line_rate)
             world = World(steps_quality=steps_quality, encoders=pool)
             world.reports = reports
@@ -56,7 +45,7 @@ async def make_world() -> AsyncIterator[MakeWorld]:
         yield make
 
 
-async def until_encoding(world: World, **fields: Any) -> None:
+async def until_encoding(world, **fields):
     world.socket.ask("stream_request", codecs=CODECS, **fields)
     await world.until_open()
     await eventually(

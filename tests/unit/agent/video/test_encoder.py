@@ -1,13 +1,10 @@
 """The encoder's process with PyAV, and what its client says when there is none."""
 
-from __future__ import annotations
-
 import base64
 import os
 import resource
 import struct
 import sys
-from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -30,14 +27,12 @@ SIZE = (320, 240)
 RATE = bits_per_s(50, SIZE, 15)
 NOTHING = EncodeRequest(b"", H264, *SIZE, bits_per_s=RATE, fps=15, allows_hardware=False)
 
-Start = Callable[..., Awaitable[VideoEncoder]]
-
 
 @pytest.fixture
-def start(spawn) -> Start:
+def start(spawn):
     """Starts encoders of a command."""
 
-    async def started(command=COMMAND) -> VideoEncoder:
+    async def started(command=COMMAND):
         encoder = VideoEncoder(lambda: None, "/camera", command)
         spawn(encoder.run())
         await eventually(lambda: not encoder.down_reason, lambda: encoder.down_reason, 30)
@@ -47,8 +42,8 @@ def start(spawn) -> Start:
 
 
 @pytest.fixture
-def program(tmp_path: Path) -> Callable[[str], tuple[str, ...]]:
-    def command(code: str) -> tuple[str, ...]:
+def program(tmp_path):
+    def command(code):
         lines = (
             "import os, sys, time",
             "os.write(1, bytes(4))",
@@ -117,7 +112,7 @@ async def test_a_frame_has_the_bits_of_its_request_and_another_size_begins_a_str
     assert 0.3 < means[3] / means[0] < 0.5
 
 
-def lying_twice(jpeg: bytes) -> bytes:
+def lying_twice(jpeg):
     """A JPEG with another frame header after its own."""
     header = b"\xff\xc0" + struct.pack("!HBHHB", 17, 8, 60000, 60000, 3)
     components = bytes((1, 0x11, 0, 2, 0x11, 0, 3, 0x11, 0))
@@ -155,7 +150,7 @@ async def test_frames_refused_in_a_row_end_the_encoder(start):
     assert "not a JPEG" in encoder.down_reason
 
 
-def of_process(pid: int, name: str) -> str:
+def of_process(pid, name):
     return Path(f"/proc/{pid}/{name}").read_text().strip()
 
 

@@ -1,11 +1,7 @@
 """Frames as cameras write them: parts of a stream, raw images of ROS, and access units of H.264."""
 
-from __future__ import annotations
-
 import base64
-from collections.abc import Mapping
 from fractions import Fraction
-from typing import Any
 
 import av
 import numpy as np
@@ -15,12 +11,11 @@ from robotether_agent.video.h264 import MAX_UNITS, access_unit
 from robotether_agent.video.multipart import (
     MultipartBrokenError,
     MultipartParser,
-    Part,
     boundary_of,
 )
 from robotether_agent.video.newest_jpegs import CameraFailedError, JpegMaker
 from robotether_agent.video.raw_images import FrameMaker, RawImage
-from video_clips import Picture, clip, pixels_of
+from video_clips import clip, pixels_of
 
 BODIES = [b"\xff\xd8one\r\n\xff\xd9", b"\xff\xd8two\n\n\xff\xd9"]
 SERVER = b"--b\r\n" + b"".join(
@@ -35,7 +30,7 @@ NO_LENGTH = (
 BARE_LF = b"".join(b"\n--b\nContent-Length: %d\n\n%s" % (len(body), body) for body in BODIES)
 
 
-def in_pieces(stream: bytes, length: int) -> list[Part]:
+def in_pieces(stream, length):
     parts = MultipartParser(b"--b")
     pieces = (stream[at : at + length] for at in range(0, len(stream), length))
     return [part for piece in pieces for part in parts.feed(piece)]
@@ -74,7 +69,7 @@ def test_nothing_grows_without_bound(monkeypatch):
 ORANGE = (200, 100, 50)
 
 
-def message(pixels: Picture, encoding: str, *, padding: int = 0, big: bool = False) -> Any:
+def message(pixels, encoding, *, padding=0, big=False):
     ordered = pixels.byteswap() if big else pixels
     rows = [row.tobytes() + b"\7" * padding for row in ordered]
     return {
@@ -87,7 +82,7 @@ def message(pixels: Picture, encoding: str, *, padding: int = 0, big: bool = Fal
     }
 
 
-def shown(image: Mapping[str, Any]) -> Picture:
+def shown(image):
     return pixels_of(JpegMaker().jpeg(FrameMaker().frame(RawImage.of(image))))
 
 
@@ -158,12 +153,12 @@ def test_a_message_that_lies_is_refused(lie, why):
         RawImage.of(IMAGE | lie)
 
 
-def encoded(**options: str) -> list[tuple[bytes, Any]]:
-    encoder: Any = av.CodecContext.create("libx264", "w")
+def encoded(**options):
+    encoder = av.CodecContext.create("libx264", "w")
     encoder.width, encoder.height, encoder.pix_fmt = 320, 240, "yuv420p"
     encoder.time_base, encoder.gop_size = Fraction(1, 15), 8
     encoder.options = {"preset": "ultrafast", **options}
-    packets: list[Any] = []
+    packets = []
     for number, picture in enumerate(clip(20, step=2)):
         frame = av.VideoFrame.from_ndarray(picture, "rgb24")
         frame.pts = number
@@ -193,11 +188,9 @@ def test_only_what_a_frame_begins_with_is_read():
     unit, delimiter = b"\0\0\1\x65\x88", b"\0\0\1\x09\xf0"
     for count, is_frame in ((MAX_UNITS - 1, True), (MAX_UNITS, False)):
         read = access_unit(delimiter * count + unit)
-        assert read is not None
         assert read.has_slice == is_frame
 
 
 def test_parameter_sets_alone_are_no_frame():
     unit = access_unit(b"\0\0\0\1\x67\1\2\0\0\1\x68\1")
-    assert unit is not None
     assert not unit.has_slice

@@ -1,13 +1,10 @@
 """The pace of video: how a modelled path is filled, and how streams share what may be under way."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import socket
 import statistics
 from collections import deque
-from collections.abc import Callable, Iterator
 from random import Random
 
 import pytest
@@ -44,35 +41,35 @@ class Path:
     shrinks by itself.
     """
 
-    def __init__(self, rate: float, base_s: float) -> None:
+    def __init__(self, rate, base_s):
         self.rate = rate
         self.base_s = base_s
         self.jitter_s = 0.0
         self._rng = Random(1)
         self.others = 0.0
-        self.offers: Callable[[float], bool] = lambda _now: True
+        self.offers = lambda _now: True
         self.now = 0.0
-        self.queues_s: list[float] = []
+        self.queues_s = []
         self._written = 10_000.0
         self._arrived = 10_000.0
         self._sent = 10_000.0
-        self._acks: deque[tuple[float, float]] = deque()
+        self._acks = deque()
         self._rtt_s = base_s
         self._stalls_until = 0.0
         self.estimator = BandwidthEstimator(self._reading(base_s))
 
-    def run(self, lasts_s: float) -> float:
+    def run(self, lasts_s):
         self.queues_s = []
         before, until = self._sent, self.now + lasts_s
         while self.now < until:
             self._step()
         return (self._sent - before) / (self.rate * lasts_s)
 
-    def _step(self) -> None:
+    def _step(self):
         self._carry()
         self._look()
 
-    def _carry(self) -> None:
+    def _carry(self):
         self.now += LOOK_S
         own = self._written - self._sent
         share = own / (own + self.others) if own else 0.0
@@ -88,11 +85,11 @@ class Path:
                 jitter_s = self._rng.uniform(-self.jitter_s, self.jitter_s)
                 self._rtt_s += (self.base_s + queue_s + jitter_s - self._rtt_s) * 0.6
 
-    def _look(self) -> None:
+    def _look(self):
         is_offered = self.offers(self.now)
         self._send(is_offered, MAX_WINDOW if is_offered else 0.0)
 
-    def _send(self, was_full: bool, offered: float) -> float:
+    def _send(self, was_full, offered):
         reading = self._reading(self._rtt_s)
         self.estimator.update(reading, was_full=was_full, is_handed=not was_full)
         room = max(0.0, self.estimator.window - reading.in_flight)
@@ -100,7 +97,7 @@ class Path:
         self._written += sent
         return sent
 
-    def _reading(self, rtt_s: float) -> Reading:
+    def _reading(self, rtt_s):
         return Reading(
             self.now, int(self._written), int(self._arrived), rtt_s, self.base_s, SEGMENT
         )
@@ -109,18 +106,18 @@ class Path:
 class Camera(Path):
     """A path whose sender has `fps` frames a second, and drops the one that comes while the last still waits."""
 
-    def __init__(self, rate: float, base_s: float, frame: float, fps: float = 15) -> None:
+    def __init__(self, rate, base_s, frame, fps=15):
         super().__init__(rate, base_s)
-        self.took_s: list[float] = []
+        self.took_s = []
         # The part of the frames of which a segment is lost, so that all behind it counts a round trip later.
         self.lost_part = 0.0
         self._frame = frame
         self._fps = fps
         self._waits = 0.0
         self._taken_at = self._next_at = 0.0
-        self._arriving: deque[tuple[float, float]] = deque()
+        self._arriving = deque()
 
-    def _look(self) -> None:
+    def _look(self):
         was_full = self._waits > 0
         if self.now >= self._next_at:
             self._next_at += 1 / self._fps
@@ -136,13 +133,13 @@ class Camera(Path):
             self.took_s.append(self.now - self._arriving.popleft()[0])
 
 
-def p95(values: list[float]) -> float:
+def p95(values):
     return statistics.quantiles(values, n=20)[-1]
 
 
 @settings(max_examples=10)
 @given(st.floats(0.5e6, 100e6), st.floats(0.005, 0.3))
-def test_fills_any_link_that_holds_more_than_the_least(bit_s: float, base_s: float) -> None:
+def test_fills_any_link_that_holds_more_than_the_least(bit_s, base_s):
     """Alone it uses at least three quarters, and never has a longer queue than the minimum window's."""
     path = Path(bit_s / 8, base_s)
     path.run(12)
@@ -152,7 +149,7 @@ def test_fills_any_link_that_holds_more_than_the_least(bit_s: float, base_s: flo
     assert statistics.median(path.queues_s) < max(0.015, least_s)
 
 
-def test_says_what_a_line_carries_only_while_it_is_full() -> None:
+def test_says_what_a_line_carries_only_while_it_is_full():
     path = Path(UPLINK, 0.038)
     path.run(5)
     assert path.estimator.full_rate(path.now) == pytest.approx(UPLINK, rel=0.2)
@@ -164,7 +161,7 @@ def test_says_what_a_line_carries_only_while_it_is_full() -> None:
     assert camera.estimator.full_rate(camera.now) is None
 
 
-def test_lets_a_link_that_becomes_slower_drain() -> None:
+def test_lets_a_link_that_becomes_slower_drain():
     path = Path(20e6 / 8, 0.04)
     path.run(5)
     path.rate = 2e6 / 8
@@ -173,7 +170,7 @@ def test_lets_a_link_that_becomes_slower_drain() -> None:
     assert p95(path.queues_s) < 0.03
 
 
-def test_gives_way_to_others_and_never_starves() -> None:
+def test_gives_way_to_others_and_never_starves():
     path = Path(UPLINK, 0.038)
     path.run(5)
     path.others = 100_000.0
@@ -186,14 +183,14 @@ def test_gives_way_to_others_and_never_starves() -> None:
     assert path.run(5) > 0.9
 
 
-def test_jitter_is_no_queue() -> None:
+def test_jitter_is_no_queue():
     path = Path(UPLINK, 0.06)
     path.base_s, path.jitter_s = 0.08, 0.02
     path.run(8)
     assert path.run(20) > 0.75
 
 
-def test_notices_that_the_path_became_longer() -> None:
+def test_notices_that_the_path_became_longer():
     path = Path(UPLINK, 0.038)
     path.run(5)
     path.base_s = 0.09
@@ -212,7 +209,7 @@ def test_notices_that_the_path_became_longer() -> None:
         (5.4e6, 0.031, 12_000.0),
     ],
 )
-def test_a_frame_that_fits_is_not_held_up(bit_s: float, base_s: float, frame: float) -> None:
+def test_a_frame_that_fits_is_not_held_up(bit_s, base_s, frame):
     path = Camera(bit_s / 8, base_s, frame)
     path.run(5)
     path.took_s.clear()
@@ -222,7 +219,7 @@ def test_a_frame_that_fits_is_not_held_up(bit_s: float, base_s: float, frame: fl
     assert p95(path.queues_s) < 0.025
 
 
-def test_frames_with_pauses_are_not_held_up_to_measure_the_path() -> None:
+def test_frames_with_pauses_are_not_held_up_to_measure_the_path():
     """The pauses empty the queue by themselves, even if no round trip is ever again as short as the shortest."""
     path = Camera(5e6 / 8, 0.038, 33_000.0)
     path.run(5)
@@ -232,7 +229,7 @@ def test_frames_with_pauses_are_not_held_up_to_measure_the_path() -> None:
     assert max(path.took_s) < statistics.median(path.took_s) + 0.03
 
 
-def test_losses_make_no_path_narrow() -> None:
+def test_losses_make_no_path_narrow():
     path = Camera(89e6 / 8, 0.2, 24_000.0, fps=2)
     path.run(10)
     path.lost_part = 0.8
@@ -248,11 +245,11 @@ FIRST_WINDOW = 10 * SEGMENT
 RTT_S = 0.001
 
 
-def at(at_s: float, written: int) -> Reading:
+def at(at_s, written):
     return Reading(at_s, written, 0, 0.04, 0.04, 1448)
 
 
-def test_a_bucket_keeps_little_that_nobody_wanted() -> None:
+def test_a_bucket_keeps_little_that_nobody_wanted():
     """A frame after a pause is no burst of all that could have gone meanwhile."""
     bucket = TokenBucket(5.0, 0)
     assert bucket.fill(9.0, 100_000, has_waited=False, least=0) == int(100_000 * SAVED_S)
@@ -262,24 +259,24 @@ def test_a_bucket_keeps_little_that_nobody_wanted() -> None:
 class Connection:
     """A media connection whose ssh writes what it is handed, and whose path delivers when it is told to."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.written = 5000
         self.arrived = 5000
         self.known = True
 
-    def read_state(self, _: socket.socket, now_s: float) -> Reading | None:
+    def read_state(self, _, now_s):
         if not self.known:
             return None
         return Reading(now_s, self.written, self.arrived, RTT_S, RTT_S, SEGMENT)
 
 
 @pytest.fixture
-def connection() -> Connection:
+def connection():
     return Connection()
 
 
 @pytest.fixture
-def pacer(connection: Connection) -> Iterator[Pacer]:
+def pacer(connection):
     made = Pacer(connection.read_state)
     with socket.socket() as handle:
         made._connection = handle
@@ -288,16 +285,14 @@ def pacer(connection: Connection) -> Iterator[Pacer]:
 
 
 class Taker:
-    def __init__(
-        self, pacer: Pacer, connection: Connection | None = None, *, is_bulk: bool = False
-    ) -> None:
+    def __init__(self, pacer, connection=None, *, is_bulk=False):
         self.got = 0
         self._is_bulk = is_bulk
         self._pacer = pacer
         self._connection = connection
         self.task = asyncio.ensure_future(self._run())
 
-    async def _run(self) -> None:
+    async def _run(self):
         while True:
             granted = await self._pacer.acquire(MAX_TURN_BYTES, is_bulk=self._is_bulk)
             self.got += granted
@@ -305,12 +300,12 @@ class Taker:
                 self._connection.written += granted
             await asyncio.sleep(0)
 
-    async def end(self) -> None:
+    async def end(self):
         self.task.cancel()
         await asyncio.gather(self.task, return_exceptions=True)
 
 
-async def test_no_more_than_the_window_gets_in_flight(pacer: Pacer, connection: Connection) -> None:
+async def test_no_more_than_the_window_gets_in_flight(pacer, connection):
     taker = Taker(pacer, connection)
     await eventually(lambda: taker.got >= FIRST_WINDOW - 2048, lambda: f"got {taker.got}")
     await asyncio.sleep(0.02)
@@ -320,7 +315,7 @@ async def test_no_more_than_the_window_gets_in_flight(pacer: Pacer, connection: 
     await taker.end()
 
 
-async def test_what_ssh_still_has_counts(pacer: Pacer, connection: Connection) -> None:
+async def test_what_ssh_still_has_counts(pacer, connection):
     """Between the hand-over and ssh's write nobody gets the same room again."""
     first = await pacer.acquire(MAX_TURN_BYTES)
     assert first == FIRST_WINDOW
@@ -337,10 +332,10 @@ async def test_a_viewer_that_takes_nothing_does_not_hold_up_the_others(pacer, co
     assert await asyncio.wait_for(pacer.acquire(MAX_TURN_BYTES), STUCK_AFTER_S * 8) > 0
 
 
-async def test_streams_share_fairly(pacer: Pacer, connection: Connection) -> None:
+async def test_streams_share_fairly(pacer, connection):
     takers = [Taker(pacer, connection) for _ in range(3)]
 
-    def all_got(amount: int) -> bool:
+    def all_got(amount):
         connection.arrived = min(connection.written, connection.arrived + 20_000)
         return sum(taker.got for taker in takers) > amount
 
@@ -351,12 +346,12 @@ async def test_streams_share_fairly(pacer: Pacer, connection: Connection) -> Non
     assert max(got) - min(got) <= 3 * MAX_TURN_BYTES
 
 
-async def test_bulk_leaves_others_three_turns_in_four(pacer: Pacer, connection: Connection) -> None:
+async def test_bulk_leaves_others_three_turns_in_four(pacer, connection):
     """However many wait with it; and it gets all that nobody else wants."""
     bulk = [Taker(pacer, connection, is_bulk=True) for _ in range(10)]
     video = Taker(pacer, connection)
 
-    def sent() -> int:
+    def sent():
         connection.arrived = min(connection.written, connection.arrived + 20_000)
         return video.got + sum(taker.got for taker in bulk)
 
@@ -381,7 +376,7 @@ async def test_one_who_leaves_while_it_waits_is_forgotten(pacer, connection):
     assert leaves.cancelled()
 
 
-async def test_without_a_connection_everybody_gets_all(caplog: pytest.LogCaptureFixture) -> None:
+async def test_without_a_connection_everybody_gets_all(caplog):
     pacer = Pacer()
     with caplog.at_level(logging.WARNING):
         assert [await pacer.acquire(100_000) for _ in range(3)] == [100_000] * 3
@@ -400,13 +395,11 @@ async def test_while_it_is_held_everybody_waits(pacer, connection, caplog):
     assert not caplog.records
 
 
-def look(connection: socket.socket) -> Reading:
-    reading = read(connection, 7.0)
-    assert reading is not None
-    return reading
+def look(connection):
+    return read(connection, 7.0)
 
 
-def test_tells_what_was_written_and_what_arrived(pair: tuple[socket.socket, socket.socket]) -> None:
+def test_tells_what_was_written_and_what_arrived(pair):
     here, _ = pair
     before = look(here)
     here.sendall(bytes(10_000))

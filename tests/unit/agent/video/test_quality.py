@@ -1,7 +1,5 @@
 """Steps of quality over simulated links, and what an encoder makes of them."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass, field
 
@@ -11,7 +9,7 @@ from robotether_agent.video.quality import RATES, SCALES, Level, Steps, ladder
 from robotether_common.frames import StreamRequest
 
 
-def levels_of(low: int, high: int, *, scales: bool = False) -> tuple[Level, ...]:
+def levels_of(low, high, *, scales=False):
     return ladder(StreamRequest(low, high), scales=scales)
 
 
@@ -30,12 +28,12 @@ class FakeLink:
     whole: int = 60_000
     sizes: list[int] = field(default_factory=list)
 
-    def took_s(self, level: Level) -> float:
+    def took_s(self, level):
         self.sizes.append(int(self.whole * level.quality / 100 * level.scale**2))
         return self.round_trip_s + self.sizes[-1] / self.bytes_s
 
 
-def drive(steps: Steps, link: FakeLink, from_s: float, seconds: float) -> list[tuple[float, Level]]:
+def drive(steps, link, from_s, seconds):
     changes = []
     now_s, looked_s, sent = from_s, from_s, 0
     while now_s < from_s + seconds:
@@ -154,11 +152,11 @@ def test_a_size_keeps_the_cameras_shape_and_never_grows(own, requested, scale, s
 class Clock:
     """A camera of 15 frames a second, whose encoder takes a part of each interval."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.now_s = 0.0
         self.steps = PresetSteps(0.0)
 
-    def run(self, seconds: float, share: float) -> bool:
+    def run(self, seconds, share):
         keeps = True
         for _ in range(round(15 * seconds)):
             self.now_s += INTERVAL_S

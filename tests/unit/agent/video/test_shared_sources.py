@@ -1,9 +1,6 @@
 """Sources that are shared, open while somebody follows them, and left for the next one."""
 
-from __future__ import annotations
-
 import asyncio
-from collections.abc import AsyncIterator, Callable
 
 import pytest
 from fake_cameras import fake_jpeg
@@ -11,25 +8,20 @@ from fake_cloud import eventually
 from robotether_agent.video import shared_sources as shared_sources_module
 from robotether_agent.video.shared_sources import GIVE_UP_S, SharedSources, SourceSwitch
 from robotether_agent.video.sources import CameraFrame, SourceRequest
-from robotether_common.frames import Source, VideoStatus
+from robotether_common.frames import VideoStatus
 
 REQUEST = SourceRequest("/camera", 70, None, None, 15.0)
 
 
 class FakeSource:
-    def __init__(self) -> None:
-        self.takes: dict[SourceRequest, Callable[[CameraFrame], None]] = {}
+    def __init__(self):
+        self.takes = {}
         self.opened = 0
-        self.fault: Exception | None = None
+        self.fault = None
         self.now_s = 100.0
-        self.kind: Source = "mjpeg"
+        self.kind = "mjpeg"
 
-    async def run(
-        self,
-        source_request: SourceRequest,
-        take: Callable[[CameraFrame], None],
-        tell: Callable[[Source], None],
-    ) -> None:
+    async def run(self, source_request, take, tell):
         self.opened += 1
         tell(self.kind)
         if self.fault is not None:
@@ -40,27 +32,27 @@ class FakeSource:
         finally:
             del self.takes[source_request]
 
-    def clock(self) -> float:
+    def clock(self):
         return self.now_s
 
-    def give(self, source_request: SourceRequest = REQUEST, timestamp_s: float = 100.0) -> None:
+    def give(self, source_request=REQUEST, timestamp_s=100.0):
         frame = CameraFrame(fake_jpeg(int(timestamp_s * 1000)), timestamp_s, self.now_s)
         self.takes[source_request](frame)
 
 
 @pytest.fixture
-def source() -> FakeSource:
+def source():
     return FakeSource()
 
 
 @pytest.fixture
-async def shared_sources(source: FakeSource) -> AsyncIterator[SharedSources]:
+async def shared_sources(source):
     made = SharedSources(source.run, source.clock)
     yield made
     await made.close()
 
 
-async def until_open(source: FakeSource, *requests: SourceRequest) -> None:
+async def until_open(source, *requests):
     await eventually(lambda: set(source.takes) == set(requests), lambda: f"open: {source.takes}")
 
 
@@ -91,12 +83,12 @@ HIGH, LOW = (SourceRequest("/camera", quality, None, None, 15.0) for quality in 
 
 
 @pytest.fixture
-def got() -> list[tuple[float, int]]:
+def got():
     return []
 
 
 @pytest.fixture
-def switch(shared_sources, source, got) -> SourceSwitch:
+def switch(shared_sources, source, got):
     return SourceSwitch(
         shared_sources,
         lambda p, w: got.append((round(p.timestamp_s, 3), w.quality)),

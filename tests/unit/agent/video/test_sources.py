@@ -1,12 +1,9 @@
 """Frames from real sockets: web_video_server, cameras by URL, rosbridge; which of them is asked, how they are read."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import io
 import time
-from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from dataclasses import astuple, dataclass, field, replace
 from typing import Any
@@ -100,27 +97,25 @@ class Taken:
     kinds: list[str] = field(default_factory=list)
     sources: Any = None
 
-    def some(self, count: int = 3) -> Callable[[], bool]:
+    def some(self, count=3):
         return lambda: len(self.pictures) >= count
 
-    def describe(self) -> str:
+    def describe(self):
         return f"{len(self.pictures)} pictures, {self.kinds}"
 
 
 @pytest.fixture
-async def http() -> AsyncIterator[aiohttp.ClientSession]:
+async def http():
     async with camera_http() as session:
         yield session
 
 
 @pytest.fixture
-def run(http, make_graph, spawn) -> Callable[..., tuple[asyncio.Future[None], Taken]]:
+def run(http, make_graph, spawn):
     """Runs sources."""
-    made: dict[str, Sources] = {}
+    made = {}
 
-    def start(
-        source_settings: SourceSettings, source_request: SourceRequest = REQUEST
-    ) -> tuple[asyncio.Future[None], Taken]:
+    def start(source_settings, source_request=REQUEST):
         taken = Taken()
         if (key := repr(source_settings)) not in made:
             graph = make_graph(source_settings.rosbridge_url)
@@ -132,21 +127,19 @@ def run(http, make_graph, spawn) -> Callable[..., tuple[asyncio.Future[None], Ta
     return start
 
 
-async def fails(running: asyncio.Future[None], why: str) -> None:
+async def fails(running, why):
     with pytest.raises(SourceDownError, match=why):
         await asyncio.wait_for(running, 5)
 
 
-def source_settings(
-    video: str = "", rosbridge: str = "", source: str = "auto", **cameras: str
-) -> SourceSettings:
+def source_settings(video="", rosbridge="", source="auto", **cameras):
     nothing = f"127.0.0.1:{free_port()}"
     return SourceSettings(
         video or f"http://{nothing}", rosbridge or f"ws://{nothing}", source, cameras
     )
 
 
-def image(number: int, **more: object) -> dict[str, object]:
+def image(number, **more):
     data = base64.b64encode(fake_jpeg(number)).decode()
     return {"header": {"stamp": {"sec": 0, "nanosec": 0}}, "format": "jpeg", "data": data, **more}
 
@@ -258,7 +251,7 @@ async def test_the_topic_that_rosbridge_is_asked_for(run, monkeypatch, topics, a
         await rosbridge.subscription(follows)
 
 
-async def publish_png(rosbridge: FakeRosbridge, format_: str) -> None:
+async def publish_png(rosbridge, format_):
     topic = "/camera/image_raw/compressed"
     await rosbridge.subscription(topic)
     png = base64.b64encode(b"\x89PNG").decode()
@@ -266,19 +259,19 @@ async def publish_png(rosbridge: FakeRosbridge, format_: str) -> None:
 
 
 @pytest.fixture
-def no_pyav(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_pyav(monkeypatch):
     monkeypatch.setattr(sources_module, "has_pyav", lambda: False)
 
 
 @pytest.fixture
-def early_stall(monkeypatch: pytest.MonkeyPatch) -> None:
+def early_stall(monkeypatch):
     monkeypatch.setattr(sources_module, "SERVER_STALL_S", 0.2)
 
 
 RAW = {REQUEST.topic: "sensor_msgs/Image"}
 
 
-def raw_image(**changes: object) -> dict[str, object]:
+def raw_image(**changes):
     data = base64.b64encode((5000).to_bytes(2, "little") * 8).decode()
     return {
         "width": 4,
@@ -291,7 +284,7 @@ def raw_image(**changes: object) -> dict[str, object]:
     }
 
 
-async def shows_raw(rosbridge: FakeRosbridge, taken: Taken) -> None:
+async def shows_raw(rosbridge, taken):
     async with asyncio.timeout(30):
         while not taken.pictures:
             stamp = {"sec": int(time.time()), "nanosec": 0}
@@ -339,7 +332,7 @@ async def test_raw_images_that_web_video_server_cannot_convert_come_from_rosbrid
 
 
 @pytest.fixture
-def early_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+def early_doubt(monkeypatch):
     monkeypatch.setattr(sources_module, "FIRST_FRAME_S", 0.05)
 
 
@@ -396,7 +389,7 @@ VIDEO = {
 }
 
 
-def video_message(kind: str, data: bytes) -> dict[str, object]:
+def video_message(kind, data):
     stamp = {"sec": int(time.time()), "nanosec": 0}
     times = {"timestamp": stamp} if "format" in VIDEO[kind] else {"header": {"stamp": stamp}}
     return {**times, **VIDEO[kind], "data": base64.b64encode(data).decode()}

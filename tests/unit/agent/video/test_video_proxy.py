@@ -1,13 +1,9 @@
 """The proxy in front of web_video_server, and what the agent answers in its place."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from typing import Literal
 
 import aiohttp
 import pytest
@@ -32,66 +28,63 @@ from timed_websocket import timed_session
 class NotedPacer(Pacer):
     """`turns` has the size of each turn that was requested, and whether as bulk."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
-        self.turns: list[tuple[int, bool]] = []
+        self.turns = []
 
-    async def acquire(self, requested: int, *, is_bulk: bool = False) -> int:
+    async def acquire(self, requested, *, is_bulk=False):
         self.turns.append((requested, is_bulk))
         return await super().acquire(requested, is_bulk=is_bulk)
 
 
-Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 WITHIN_S = 5
 
 
 class Camera(TcpService):
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
-        self.handler: Handler = self._echo
+        self.handler = self._echo
         self.open = 0
 
-    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _talk(self, reader, writer):
         self.open += 1
         try:
             await self.handler(reader, writer)
         finally:
             self.open -= 1
 
-    async def _echo(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _echo(self, reader, writer):
         while data := await reader.read(65536):
             writer.write(data)
             await writer.drain()
 
 
 @pytest.fixture
-async def camera() -> AsyncIterator[Camera]:
+async def camera():
     async with Camera() as made:
         yield made
         await eventually(lambda: made.open == 0, lambda: f"{made.open} streams are open")
 
 
 @pytest.fixture
-async def proxy(camera: Camera) -> AsyncIterator[VideoProxy]:
+async def proxy(camera):
     made = VideoProxy(f"http://localhost:{camera.port}", LocalService(1, no_topics), Pacer())
     yield made
     await made.close()
 
 
-async def no_topics(connection: socket.socket, _received: bytes) -> None:
+async def no_topics(connection, _received):
     connection.close()
 
 
 class LocalMedia(TcpService):
-    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _talk(self, reader, writer):
         writer.write(b"own:" + await reader.readuntil(b"\r\n\r\n"))
         await writer.drain()
 
 
 @asynccontextmanager
-async def beside(
-    port: int, when: Literal["never", "down", "always"] = "never"
-) -> AsyncIterator[int]:
+async def beside(port, when="never"):
     async with LocalMedia() as local:
         proxy = VideoProxy(
             f"http://127.0.0.1:{port}", LocalService(local.port, no_topics, when), Pacer()
@@ -100,7 +93,7 @@ async def beside(
         await proxy.close()
 
 
-async def asked(port: int, *pieces: bytes) -> bytes:
+async def asked(port, *pieces):
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     for piece in pieces:
         writer.write(piece)
@@ -121,7 +114,7 @@ OWN_REQUEST = b"GET /robotether/frames?topic=/camera HTTP/1.1\r\nHost: x\r\n\r\n
 
 
 @pytest.mark.parametrize("pieces", [1, len(OWN_REQUEST)])
-async def test_the_agents_own_urls_lead_to_the_agent(camera: Camera, pieces: int) -> None:
+async def test_the_agents_own_urls_lead_to_the_agent(camera, pieces):
     length = len(OWN_REQUEST) // pieces
     parts = [OWN_REQUEST[at : at + length] for at in range(0, len(OWN_REQUEST), length)]
     async with beside(camera.port) as port:
@@ -138,7 +131,7 @@ async def test_the_agents_own_urls_lead_to_the_agent(camera: Camera, pieces: int
         b"",
     ],
 )
-async def test_all_else_passes_unchanged(camera: Camera, request_bytes: bytes) -> None:
+async def test_all_else_passes_unchanged(camera, request_bytes):
     async with beside(camera.port, "down") as port:
         assert await asked(port, request_bytes[:7], request_bytes[7:]) == request_bytes
 
@@ -172,8 +165,8 @@ async def test_who_answers_in_web_video_servers_place(camera, when, runs, answer
         assert await asked(port, request) == expected
 
 
-async def test_a_viewer_that_leaves_ends_the_stream(proxy: VideoProxy, camera: Camera) -> None:
-    async def stream(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def test_a_viewer_that_leaves_ends_the_stream(proxy, camera):
+    async def stream(_, writer):
         while True:
             writer.write(bytes(10_000))
             await writer.drain()
@@ -191,7 +184,7 @@ async def test_a_viewer_of_nothing_is_let_go(proxy, camera, monkeypatch):
     monkeypatch.setattr(proxy_module, "LAST_S", 0.1)
     forever = asyncio.Event()
 
-    async def silent(*_: object) -> None:
+    async def silent(*_):
         await forever.wait()
 
     camera.handler = silent
@@ -216,10 +209,10 @@ async def test_streams_have_a_number(proxy, camera, monkeypatch):
         writer.close()
 
 
-async def test_the_camera_waits_while_the_window_is_full(camera: Camera) -> None:
+async def test_the_camera_waits_while_the_window_is_full(camera):
     written = 0
 
-    async def stream(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def stream(_, writer):
         nonlocal written
         writer.transport.set_write_buffer_limits(high=0)
         while True:
@@ -231,7 +224,7 @@ async def test_the_camera_waits_while_the_window_is_full(camera: Camera) -> None
     # 14,480 bytes may go; nothing ever arrives.
     started = time.monotonic()
 
-    def stalled(_: socket.socket, now_s: float) -> Reading:
+    def stalled(_, now_s):
         handed = 14_480 if now_s > started else 0
         return Reading(now_s, handed, 0, 0.04, 0.04, 1448)
 
@@ -258,10 +251,10 @@ TOPIC = "/camera/image_raw"
 class World:
     """A service in front of a camera, and those who receive from it."""
 
-    def __init__(self, camera: FakeVideoServer, http: aiohttp.ClientSession) -> None:
+    def __init__(self, camera, http):
         self.camera = camera
         self.http = http
-        self.viewers: list[FramesViewer] = []
+        self.viewers = []
         self.has_video = True
         rosbridge_url = f"ws://127.0.0.1:{free_port()}"
         self.service = FramesService(
@@ -275,15 +268,15 @@ class World:
             has_video=lambda: self.has_video,
         )
 
-    async def start(self) -> None:
+    async def start(self):
         self.url = f"http://127.0.0.1:{await self.service.start()}"
 
-    async def connect(self, topic: str = TOPIC) -> FramesViewer:
+    async def connect(self, topic=TOPIC):
         url = f"{self.url}/robotether/frames?topic={topic}"
         self.viewers.append(FramesViewer(await self.http.ws_connect(url, max_msg_size=0)))
         return self.viewers[-1]
 
-    async def receive(self, topic: str = TOPIC, **wanted: object) -> FramesViewer:
+    async def receive(self, topic=TOPIC, **wanted):
         """Connect, and wait for a frame."""
         viewer = await self.connect(topic)
         await viewer.ask(**wanted)
@@ -291,13 +284,13 @@ class World:
         await viewer.frame()
         return viewer
 
-    async def get(self, path: str) -> tuple[int, bytes]:
+    async def get(self, path):
         async with self.http.get(self.url + path) as answer:
             return answer.status, await answer.read()
 
 
 @pytest.fixture
-async def world() -> AsyncIterator[World]:
+async def world():
     async with FakeVideoServer() as camera, timed_session() as http:
         made = World(camera, http)
         await made.start()

@@ -4,7 +4,6 @@ import json
 import os
 import struct
 from dataclasses import replace
-from pathlib import Path
 
 import av
 import numpy as np
@@ -38,7 +37,7 @@ MAX_CODING_ERROR = 7
 LATE = {"lost": 0.1, "delay_ms": 400, "refused": 0.1}
 
 
-def rows_of(folder: Path) -> list[Row]:
+def rows_of(folder):
     """What is in a dataset, by its Parquet files and videos alone."""
     info = json.loads((folder / "meta/info.json").read_text())
     keys = [key for key, feature in info["features"].items() if feature["dtype"] == "video"]

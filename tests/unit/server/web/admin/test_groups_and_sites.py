@@ -1,7 +1,5 @@
 """The pages of groups and of sites."""
 
-from __future__ import annotations
-
 import pytest
 from admin_visitor import send
 from robotether_server.db.grants import GROUPS, SITES
