@@ -75,6 +75,7 @@ const readings = new Readings(root, { frameAge: () => interlock.ageMs, limits, o
 const seenAge = new SeenAge(root);
 const view = new View(root, {
   robot,
+  choices: new Choices(`sight.${mac}`), // another robot may get the name
   settings,
   driveTopic,
   oldMs,
@@ -131,7 +132,7 @@ function controlOptions() {
   return {
     kind,
     limits,
-    choices: new Choices(`controls.${robot}`),
+    choices: new Choices(`controls.${mac}`),
     output: arming,
     onTake: () => driveMode.press() || controls.letGo(),
     onWanted: useWanted,

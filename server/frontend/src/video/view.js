@@ -7,7 +7,7 @@ import { LaserRing } from "../overlays/laserRing.js";
 import { MapTile } from "../overlays/mapTile.js";
 import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
-import { Choices, TEXT, byTestId, download, matches, onPress, part, setText } from "../dom/page.js";
+import { TEXT, byTestId, download, matches, onPress, part, setText } from "../dom/page.js";
 import { video as texts } from "../texts/video.js";
 import { cameraTopics, offeredCameras } from "../topics/discovery.js";
 import { TopicChoice } from "../topics/ownTopics.js";
@@ -23,10 +23,10 @@ const SETTLE_MS = 300;
 const ROOM_FOR_MAP = "(min-width: 600px) and (min-height: 700px), (max-width: 599px) and (min-height: 800px)"; // as of drive-deck.css
 
 export class View {
-  // `driveTopic` and `oldMs` as of settings.js; `openFrames(topic, {request, onFrame, onStatus})` gives a stream as of
-  // client/frames.js; `subscribe` as of connection.js; `onMain({offered, at})` reports the main frame as of VideoInterlock,
-  // ten times a second and at each frame.
-  constructor(root, { robot, settings, driveTopic, oldMs, openFrames, subscribe, onMain, now = () => performance.now() }) {
+  // `choices` as of page.js, of this robot's view; `driveTopic` and `oldMs` as of settings.js;
+  // `openFrames(topic, {request, onFrame, onStatus})` gives a stream as of client/frames.js; `subscribe` as of connection.js;
+  // `onMain({offered, at})` reports the main frame as of VideoInterlock, ten times a second and at each frame.
+  constructor(root, { robot, choices, settings, driveTopic, oldMs, openFrames, subscribe, onMain, now = () => performance.now() }) {
     this.root = root;
     this.robot = robot;
     this.now = now;
@@ -34,7 +34,7 @@ export class View {
     this.choice = new TopicChoice({ named: (kind) => this.page[`${kind}_topic`], driveTopic });
     this.others = []; // names of topics that are another robot's
     this.element = byTestId(root, "view");
-    this.choices = new Choices(`sight.${robot}`);
+    this.choices = choices;
     this.layout = new Layout(this.choices.group("layout"));
     this.known = new Set(); // topics of cameras; one whose node has died is a missing frame, not a robot without a camera
     this.answered = false; // whether the robot has said which topics it has
