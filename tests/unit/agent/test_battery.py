@@ -1,10 +1,7 @@
 """The battery, from the robot's topic to the session's lines."""
 
-from __future__ import annotations
-
 import asyncio
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -23,38 +20,37 @@ from robotether_agent.rosbridge import RosGraph
 from robotether_common.session import Battery
 
 TOPICS = {"/battery_state": "sensor_msgs/msg/BatteryState"}
-Told = list[Mapping[str, Any]]
 
 
-async def short_pause(_pause_s: float) -> None:
+async def short_pause(_pause_s):
     await asyncio.sleep(0.05)
 
 
 @pytest.fixture
-def vitals_of(tmp_path: Path, make_graph) -> Callable[..., Vitals]:
+def vitals_of(tmp_path, make_graph):
     return lambda url, pause=short_pause: Vitals(make_graph(url), tmp_path, pause=pause)
 
 
 @pytest.fixture
-def report(vitals_of, spawn) -> Callable[[str], Told]:
-    def start(url: str) -> Told:
+def report(vitals_of, spawn):
+    def start(url):
         return reports_of(vitals_of(url), spawn)
 
     return start
 
 
-def reports_of(vitals: Vitals, spawn: Callable[..., object]) -> Told:
-    reported: Told = []
+def reports_of(vitals, spawn):
+    reported = []
     settings = BatterySettings(drive_topic="/cmd_vel")
     spawn(vitals.report(reported.append, lambda: settings))
     return reported
 
 
-def state(percentage: float | None, status: int = 2) -> dict[str, object]:
+def state(percentage, status=2):
     return {"percentage": percentage, "power_supply_status": status, "voltage": 24.1}
 
 
-def line(percent: int, *, charging: bool = False) -> dict[str, object]:
+def line(percent, *, charging=False):
     return {"type": "vitals", "battery": {"percent": percent, "charging": charging}}
 
 
@@ -110,7 +106,7 @@ async def test_a_battery_that_shows_as_another_robots_is_left(vitals_of, spawn, 
     """Of robots on one graph those that start later are not known at first."""
     monkeypatch.setattr(rosbridge, "CHOSEN_AGAIN_EVERY_S", 0.05)
     kind, other = TOPICS["/battery_state"], "/robot1/battery_state"
-    reported: Told = []
+    reported = []
     async with FakeRosbridge({other: kind}) as robot:
         settings = BatterySettings(drive_topic="/robot2/cmd_vel")
         spawn(vitals_of(robot.url).report(reported.append, lambda: settings))

@@ -1,21 +1,18 @@
 """What is on the robot itself, with real services on this machine, and all checks in their order."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import sys
 import time
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 from fake_root import FakeRoot
 from fake_rosbridge import FakeRosbridge
 from local_network import free_port
 from robotether_agent import rosbridge as rosbridge_module
-from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, Finding, checks, encoder
+from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, checks, encoder
 from robotether_agent.doctor.checks import run_checks
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.exposure import PAST_GUARD
@@ -28,7 +25,7 @@ MAC = "00:1b:44:11:3a:b7"
 
 
 @pytest.fixture
-def settings(place, services) -> Settings:
+def settings(place, services):
     return Settings(
         server="a.example",
         state_dir=place,
@@ -37,7 +34,7 @@ def settings(place, services) -> Settings:
     )
 
 
-def disk(**changes: int) -> SimpleNamespace:
+def disk(**changes):
     room = {"f_flag": 0, "f_bavail": 10**6, "f_frsize": 4096, "f_favail": 10**5, "f_files": 10**6}
     return SimpleNamespace(**{**room, **changes})
 
@@ -151,7 +148,7 @@ async def test_rosapi_is_asked(settings, monkeypatch, robot, state, detail):
 
 async def test_the_robots_own_ssh_server(settings):
 
-    async def greet(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def greet(_, writer):
         writer.write(greeting)
         writer.close()
 
@@ -212,7 +209,7 @@ async def test_a_robot_that_works(cloud, start_agent, monkeypatch):
 def run(place, monkeypatch):
     monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.2)
 
-    async def run(**changes: Any) -> dict[str, Finding]:
+    async def run(**changes):
         settings = Settings(state_dir=place, run_dir=place, mac="00:1b:44:11:3a:b7", **changes)
         return {finding.step: finding async for finding in run_checks(settings)}
 

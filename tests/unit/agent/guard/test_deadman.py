@@ -1,7 +1,5 @@
 """When the guard's zeros begin and end."""
 
-from __future__ import annotations
-
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 from robotether_agent.guard.topics import ZERO_EVERY_S, ZEROS, ZEROS_AFTER_RECONNECT, Deadman
@@ -10,7 +8,7 @@ TIMEOUT_S = 0.5
 TOPIC = "/cmd_vel"
 
 
-def run_zeros(deadman: Deadman, now: float, until: float) -> list[float]:
+def run_zeros(deadman, now, until):
     sent = []
     while (due_at := deadman.next_at()) is not None and due_at <= until:
         now = max(now, due_at)
@@ -20,13 +18,13 @@ def run_zeros(deadman: Deadman, now: float, until: float) -> list[float]:
     return sent
 
 
-def moving() -> Deadman:
+def moving():
     deadman = Deadman(TIMEOUT_S)
     deadman.commanded(TOPIC, 0.0, moves=True)
     return deadman
 
 
-def test_a_zero_that_a_command_overtook_does_not_end_the_motion() -> None:
+def test_a_zero_that_a_command_overtook_does_not_end_the_motion():
     """It was sent before, and the robot moves."""
     deadman = moving()
     deadman.stop([TOPIC], 0.1)
@@ -38,7 +36,7 @@ def test_a_zero_that_a_command_overtook_does_not_end_the_motion() -> None:
     assert deadman.next_at() == 0.1 + TIMEOUT_S
 
 
-def test_each_command_begins_the_time_anew() -> None:
+def test_each_command_begins_the_time_anew():
     deadman = moving()
     for tick in range(1, 40):
         assert deadman.due(tick * 0.4) == []
@@ -46,7 +44,7 @@ def test_each_command_begins_the_time_anew() -> None:
     assert deadman.state == "moving"
 
 
-def test_a_loss_does_not_prolong_zeros_that_run() -> None:
+def test_a_loss_does_not_prolong_zeros_that_run():
     deadman = moving()
     deadman.stop([TOPIC], 0.1)
     first = run_zeros(deadman, 0.1, 0.3)
@@ -54,7 +52,7 @@ def test_a_loss_does_not_prolong_zeros_that_run() -> None:
     assert len(first) + len(run_zeros(deadman, 0.3, 60.0)) == ZEROS
 
 
-def test_a_zero_that_cannot_be_sent_stays_owed() -> None:
+def test_a_zero_that_cannot_be_sent_stays_owed():
     """The half second begins with the first one that rosbridge took."""
     deadman = moving()
     for tick in range(100):
@@ -67,7 +65,7 @@ def test_a_zero_that_cannot_be_sent_stays_owed() -> None:
     assert not deadman.owes
 
 
-def test_topics_have_phases_of_their_own() -> None:
+def test_topics_have_phases_of_their_own():
     """One arm of the robot that stands does not keep the other from its zeros."""
     deadman = moving()
     deadman.commanded("/other", 0.4, moves=True)
@@ -81,15 +79,15 @@ def test_topics_have_phases_of_their_own() -> None:
 class AnyEvents(RuleBasedStateMachine):
     """Whatever happens in whatever order, a robot that was told to move is told to stand in time."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.deadman = Deadman(TIMEOUT_S)
         self.now = 0.0
-        self.moved_at: float | None = None
+        self.moved_at = None
         self.takes_since = 0.0
         self.can_send = True
 
-    def _let_time_pass(self, seconds: float) -> None:
+    def _let_time_pass(self, seconds):
         end = self.now + seconds
         while (due_at := self.deadman.next_at()) is not None and due_at <= end:
             self.now = max(self.now, due_at)
@@ -102,43 +100,43 @@ class AnyEvents(RuleBasedStateMachine):
         self.now = end
 
     @rule(seconds=st.floats(0, 1))
-    def time_passes(self, seconds: float) -> None:
+    def time_passes(self, seconds):
         self._let_time_pass(seconds)
 
     # The drive controller sends no command while rosbridge takes none or a zero is owed.
     @precondition(lambda self: self.can_send and not self.deadman.owes)
     @rule(moves=st.booleans())
-    def a_command(self, *, moves: bool) -> None:
+    def a_command(self, *, moves):
         self.deadman.commanded(TOPIC, self.now, moves=moves)
         self.moved_at = self.now if moves else None
 
     @rule()
-    def somebody_is_lost(self) -> None:
+    def somebody_is_lost(self):
         self.deadman.stop([TOPIC], self.now)
 
     @rule()
-    def a_stop(self) -> None:
+    def a_stop(self):
         self.deadman.force([TOPIC], self.now)
 
     @rule()
-    def rosbridge_dies(self) -> None:
+    def rosbridge_dies(self):
         self.deadman.stop([TOPIC], self.now)
         self.deadman.restart_zeros()
         self.can_send = False
 
     @rule()
-    def rosbridge_lives(self) -> None:
+    def rosbridge_lives(self):
         if not self.can_send:
             self.takes_since = self.now
         self.can_send = True
 
     @invariant()
-    def no_motion_outlives_the_deadman_time(self) -> None:
+    def no_motion_outlives_the_deadman_time(self):
         if self.moved_at is not None and self.can_send:
             begun = max(self.moved_at, self.takes_since)
             assert self.now <= begun + TIMEOUT_S + ZERO_EVERY_S + 1e-6
 
-    def teardown(self) -> None:
+    def teardown(self):
         self.can_send = True
         self._let_time_pass(TIMEOUT_S + (ZEROS_AFTER_RECONNECT + 2) * ZERO_EVERY_S)
         assert self.moved_at is None
@@ -149,7 +147,7 @@ class AnyEvents(RuleBasedStateMachine):
 TestAnyEvents = AnyEvents.TestCase
 
 
-def test_a_topic_is_forgotten_when_it_stands_and_not_before() -> None:
+def test_a_topic_is_forgotten_when_it_stands_and_not_before():
     """Else the zeros of a robot in motion would be forgotten with it."""
     deadman = Deadman(0.5)
     deadman.commanded("/moves", 0.0, moves=True)

@@ -1,12 +1,8 @@
 """The guard's connections before rosbridges of all moods."""
 
-from __future__ import annotations
-
 import asyncio
 import time
-from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any
 from unittest.mock import Mock
 
 import pytest
@@ -16,14 +12,13 @@ from robotether_agent.guard.rosbridge import CmdVelPublisher, SubscriberWatch
 from robotether_agent.rosbridge_socket import (
     CONNECT_WITHIN_S,
     SEND_BUFFER_BYTES,
-    RosbridgeSocket,
     new_http,
     open_rosbridge,
 )
 from sim_client import until
 
 
-async def test_a_rosbridge_that_does_not_read_is_seen_and_left_soon() -> None:
+async def test_a_rosbridge_that_does_not_read_is_seen_and_left_soon():
     """What waits is counted, and a goodbye that it does not take is cut short."""
     async with FakeRosbridge(mode="slow_reader") as rosbridge, new_http() as http:
         socket = await open_rosbridge(http, f"ws://127.0.0.1:{rosbridge.port}/")
@@ -37,13 +32,13 @@ async def test_a_rosbridge_that_does_not_read_is_seen_and_left_soon() -> None:
         socket.drop()
 
 
-async def _send_on(socket: RosbridgeSocket, frame: bytes) -> None:
+async def _send_on(socket, frame):
     while True:
         await socket.send_frame(frame, WSMsgType.TEXT)
 
 
 @asynccontextmanager
-async def running(rosbridge: FakeRosbridge) -> AsyncIterator[tuple[CmdVelPublisher, Mock]]:
+async def running(rosbridge):
     """A line that is connected, and who listens to it."""
     heard = Mock()
     async with new_http() as http:
@@ -56,7 +51,7 @@ async def running(rosbridge: FakeRosbridge) -> AsyncIterator[tuple[CmdVelPublish
         await asyncio.gather(task, return_exceptions=True)
 
 
-async def test_what_is_sent_is_known_to_be_read() -> None:
+async def test_what_is_sent_is_known_to_be_read():
     async with FakeRosbridge() as rosbridge, running(rosbridge) as (line, heard):
         assert line.up
         assert line.can_send
@@ -81,8 +76,8 @@ async def test_a_rosbridge_that_does_not_read_is_full_and_then_stalled(monkeypat
         await until("it reads", lambda: line.can_send and line.up)
 
 
-async def test_it_connects_again_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    failures: list[tuple[object, float]] = []
+async def test_it_connects_again_for_ever(monkeypatch):
+    failures = []
     monkeypatch.setattr(
         "robotether_agent.guard.rosbridge.describe_error", lambda *why: failures.append(why)
     )
@@ -105,10 +100,10 @@ async def test_the_watch_says_what_nothing_listens_to(monkeypatch, spawn):
     async with FakeRosbridge({}) as rosbridge:
         watch = spawn(SubscriberWatch(driver, lambda: rosbridge.url).run())
 
-        def unheard() -> frozenset[str] | None:
+        def unheard():
             return driver.on_unheard.call_args.args[0]
 
-        async def answers(publishers: list[str] | None, subscribers: list[str] | None) -> bool:
+        async def answers(publishers, subscribers):
             rosbridge.publishers, rosbridge.subscribers = publishers, subscribers
             count = driver.on_unheard.call_count
             # The answer after the next one was asked for with these lists.
@@ -132,7 +127,7 @@ async def test_the_watch_says_what_nothing_listens_to(monkeypatch, spawn):
         assert not await answers(["/rosbridge"], ["/rosbridge", "/base"])
         assert unheard() == frozenset()
         # As of a rosapi that the new master does not know: what was an answer is one no more.
-        unclear: list[tuple[Any, Any]] = [(None, None), (["/rosbridge"], None), ("?", ["/base"])]
+        unclear = [(None, None), (["/rosbridge"], None), ("?", ["/base"])]
         for publishers, subscribers in unclear:
             assert not await answers(publishers, subscribers)
             assert unheard() is None

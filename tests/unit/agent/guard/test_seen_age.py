@@ -1,7 +1,5 @@
 """How old is what a driver sees, and the speed that falls with it."""
 
-from __future__ import annotations
-
 import json
 import random
 from dataclasses import replace
@@ -27,7 +25,7 @@ NOW = 1000.0
 
 
 @pytest.fixture
-def times() -> FrameTimes:
+def times():
     times = FrameTimes()
     times.note("/a", 1, NOW - 0.3, NOW - 0.2)
     times.note("/a", 2, NOW - 0.2, NOW - 0.1)
@@ -35,11 +33,11 @@ def times() -> FrameTimes:
     return times
 
 
-def view(camera: object, frame: object) -> dict[str, object]:
+def view(camera, frame):
     return {"camera": camera, "frame": frame}
 
 
-def test_of_several_views_the_oldest_counts(times: FrameTimes) -> None:
+def test_of_several_views_the_oldest_counts(times):
     assert times.oldest_s([view("/a", 2)], NOW) == NOW - 0.2
     assert times.oldest_s([view("/a", 2), view("/b", 2), view("/a", 1)], NOW) == NOW - 0.9
 
@@ -64,7 +62,7 @@ def test_of_several_views_the_oldest_counts(times: FrameTimes) -> None:
         [view("/a", 2)] * (MAX_SEEN_FRAMES + 1),
     ],
 )
-def test_what_did_not_leave_the_robot_is_unknown(times: FrameTimes, forged: object) -> None:
+def test_what_did_not_leave_the_robot_is_unknown(times, forged):
     """A known frame beside it changes nothing, and a stranger may write any type."""
     assert times.oldest_s(forged, NOW) is None
 
@@ -86,12 +84,12 @@ def test_only_a_frame_with_a_number_may_be_reported_yet(times, seen, may_follow)
     assert times.may_follow(seen, NOW) is may_follow
 
 
-def test_an_old_frame_is_unknown(times: FrameTimes) -> None:
+def test_an_old_frame_is_unknown(times):
     assert times.oldest_s([view("/a", 2)], NOW - 0.2 + MAX_SEEN_S) == NOW - 0.2
     assert times.oldest_s([view("/a", 2)], NOW - 0.1 + MAX_SEEN_S) is None
 
 
-def test_of_two_frames_of_one_number_the_older_counts(times: FrameTimes) -> None:
+def test_of_two_frames_of_one_number_the_older_counts(times):
     """Receivers of a camera could use one number at the same time; no frame is of the future."""
     times.note("/a", 2, NOW - 0.05, NOW)
     assert times.oldest_s([view("/a", 2)], NOW) == NOW - 0.2
@@ -99,7 +97,7 @@ def test_of_two_frames_of_one_number_the_older_counts(times: FrameTimes) -> None
     assert times.oldest_s([view("/a", 5)], NOW) == NOW
 
 
-def test_memory_of_frames_is_bounded() -> None:
+def test_memory_of_frames_is_bounded():
     times = FrameTimes()
     for number in range(MAX_FRAMES + 1):
         times.note("/a", number, NOW, NOW)
@@ -114,17 +112,17 @@ def test_memory_of_frames_is_bounded() -> None:
     assert len(times._cameras["/0"]) == 1
 
 
-def seen_frames(taken_s: float | None) -> SeenFrames:
+def seen_frames(taken_s):
     return SeenFrames(taken_s, DriverView(), 13)
 
 
-def test_an_age_is_never_negative() -> None:
+def test_an_age_is_never_negative():
     assert seen_frames(NOW).age_s(NOW - 0.01) == 0
     assert seen_frames(NOW).age_s(NOW + 0.14) == pytest.approx(0.14)
     assert seen_frames(None).age_s(NOW) is None
 
 
-def test_ages_are_of_one_drive() -> None:
+def test_ages_are_of_one_drive():
     ages = SeenAges()
     for age_s in (0.14, None):
         ages.begin(13)
@@ -136,7 +134,7 @@ def test_ages_are_of_one_drive() -> None:
     assert (ages.fence, ages.ages_ms, ages.slowed_s, ages.limits) == (14, [200.0], 0.0, None)
 
 
-def test_a_time_beyond_its_bound_is_reported_as_the_bound() -> None:
+def test_a_time_beyond_its_bound_is_reported_as_the_bound():
     """The relay counts no more; older ones end a session for it."""
     ages = SeenAges()
     ages.begin(13)
@@ -146,7 +144,7 @@ def test_a_time_beyond_its_bound_is_reported_as_the_bound() -> None:
 
 @pytest.mark.parametrize("first", [0.0, 0.1])
 @pytest.mark.parametrize("worst", [9.0, None])
-def test_the_worst_age_is_never_lost(worst: float | None, first: float) -> None:
+def test_the_worst_age_is_never_lost(worst, first):
     ages = SeenAges()
     for age_s in [first] * (MAX_AGES + 5) + [worst] + [0.1] * 5:
         ages.add(age_s)
@@ -158,7 +156,7 @@ LIMITS = BlindLimits(blind_m=0.25, blind_rad=0.5, camera_s=0.04)
 ACCELERATION = 2.0
 
 
-def test_the_age_that_limits_rises_at_once_and_falls_smoothly() -> None:
+def test_the_age_that_limits_rises_at_once_and_falls_smoothly():
     age = LimitingAge()
     assert age.at(0.2, 1000.0) == 0.2
     assert age.at(0.8, 1000.05) == 0.8
@@ -172,7 +170,7 @@ def test_the_age_that_limits_rises_at_once_and_falls_smoothly() -> None:
 class SeeingWorld(World):
     """A guard that limits what is driven unseen, and a camera whose frames are known."""
 
-    def __init__(self, blind: BlindLimits = LIMITS, limits: DriveLimits | None = None) -> None:
+    def __init__(self, blind=LIMITS, limits=None):
         super().__init__()
         self.controller.use(
             replace(
@@ -182,14 +180,12 @@ class SeeingWorld(World):
         self.frame = 0
         self.taken_s = 0.0
 
-    def take(self, age_s: float) -> None:
+    def take(self, age_s):
         self.frame += 1
         self.taken_s = self.now - age_s
         self.controller.frame_times.note("/a", self.frame, self.taken_s, self.now)
 
-    async def see(
-        self, speed: float, frame: int | None = None, turn: float = 0.0, **more: object
-    ) -> None:
+    async def see(self, speed, frame=None, turn=0.0, **more):
         """Send a command that names this frame, or the newest."""
         seen = [{"camera": "/a", "frame": frame or self.frame}]
         stamp = {"t_ms": self.now * 1000, "fence": 13, "seen": seen}
@@ -197,11 +193,11 @@ class SeeingWorld(World):
         await self.drive(speed, robotether=stamp, msg=msg, **more)
 
     @property
-    def turns(self) -> list[float]:
+    def turns(self):
         return [m["msg"]["angular"]["z"] for m in self.publisher.sent if m["op"] == "publish"]
 
 
-async def test_a_driver_who_sees_late_drives_slowly() -> None:
+async def test_a_driver_who_sees_late_drives_slowly():
     world = SeeingWorld()
     world.take(0.21)
     await world.see(3.0, turn=5.0)
@@ -246,7 +242,7 @@ async def test_who_never_named_a_frame_or_has_no_limit_drives_as_before(blind, f
     assert world.controller.seen_ages.ages_ms == ([] if frame is None else [None])
 
 
-async def test_a_zero_is_a_zero_however_old_the_view_is() -> None:
+async def test_a_zero_is_a_zero_however_old_the_view_is():
     world = SeeingWorld()
     await world.see(1.0, 99)
     await world.see(0.0, 99)
@@ -254,7 +250,7 @@ async def test_a_zero_is_a_zero_however_old_the_view_is() -> None:
     assert not world.controller.moving
 
 
-async def test_a_rise_of_the_age_is_in_force_within_100_ms() -> None:
+async def test_a_rise_of_the_age_is_in_force_within_100_ms():
     """When no command comes, the last one goes out again, ever slower, until the deadman's zeros."""
     world = SeeingWorld()
     world.take(0.1)
@@ -273,7 +269,7 @@ async def test_a_rise_of_the_age_is_in_force_within_100_ms() -> None:
     assert world.publisher.speeds[-10:] == [0.0] * 10
 
 
-async def test_the_guard_wakes_to_slow_a_command_and_sleeps_again() -> None:
+async def test_the_guard_wakes_to_slow_a_command_and_sleeps_again():
     world = SeeingWorld()
     world.take(0.1)
     await world.see(1.0)
@@ -288,7 +284,7 @@ async def test_the_guard_wakes_to_slow_a_command_and_sleeps_again() -> None:
     assert world.controller._next_at() is None
 
 
-async def test_nothing_is_repeated_after_the_end() -> None:
+async def test_nothing_is_repeated_after_the_end():
     for end in ("stop", "gone", "lease", "rosbridge"):
         world = SeeingWorld()
         world.take(0.1)
@@ -308,12 +304,12 @@ async def test_nothing_is_repeated_after_the_end() -> None:
 
 
 class Recorder(FakePublisher):
-    def __init__(self, world: SeeingWorld) -> None:
+    def __init__(self, world):
         super().__init__()
         self.world = world
-        self.outputs: list[tuple[float, str | None, float, float]] = []
+        self.outputs = []
 
-    async def send(self, data: bytes) -> bool:
+    async def send(self, data):
         message = json.loads(data)
         if message["op"] == "publish":
             twist = message["msg"]
@@ -322,11 +318,11 @@ class Recorder(FakePublisher):
         return await super().send(data)
 
 
-async def _random_drive(seed: int) -> tuple[Recorder, dict[str, float | None]]:
+async def _random_drive(seed):
     chance = random.Random(seed)
     world = SeeingWorld(limits=DriveLimits(max_acceleration_m_s2=ACCELERATION))
     world.controller._publisher = recorder = Recorder(world)
-    seen_at: dict[str, float | None] = {}
+    seen_at = {}
     for number in range(3000):
         recorder.full = chance.random() < 0.05
         if chance.random() < 0.7:
@@ -342,9 +338,9 @@ async def _random_drive(seed: int) -> tuple[Recorder, dict[str, float | None]]:
 
 
 @pytest.mark.parametrize("seed", range(2))
-async def test_no_output_of_the_guard_breaks_a_limit(seed: int) -> None:
+async def test_no_output_of_the_guard_breaks_a_limit(seed):
     recorder, seen_at = await _random_drive(seed)
-    newest: str | None = None
+    newest = None
     last_at, last, repeated = 0.0, 0.0, 0
     for at, name, speed, turn in recorder.outputs:
         repeated += name is None and speed != 0
@@ -361,7 +357,7 @@ async def test_no_output_of_the_guard_breaks_a_limit(seed: int) -> None:
     assert max(abs(speed) for _, _, speed, _ in recorder.outputs) > 0.8
 
 
-async def test_the_time_of_slow_driving_is_counted() -> None:
+async def test_the_time_of_slow_driving_is_counted():
     world = SeeingWorld()
     world.take(0.5)
     await world.see(1.0)
@@ -378,7 +374,7 @@ async def test_the_time_of_slow_driving_is_counted() -> None:
     assert world.controller.seen_ages.slowed_s == count
 
 
-async def test_a_direct_connection_is_slowed_and_belongs_to_no_drive() -> None:
+async def test_a_direct_connection_is_slowed_and_belongs_to_no_drive():
     world = SeeingWorld(STRICT)
     world.authorizer.lease(13, held=False)
     world.authorizer.direct = True

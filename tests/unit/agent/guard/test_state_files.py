@@ -1,12 +1,9 @@
 """What the guard keeps on the disk: the stop, the newest number of a lease, and the motion."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import tempfile
 import threading
-from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -22,7 +19,7 @@ from sim_client import until
 
 
 @pytest.mark.parametrize("data", [b"", b"{", b"[]", b"{}", b'{"by": 3}', b"\xff", None])
-def test_a_stop_that_cannot_be_read_is_a_stop(tmp_path: Path, data: bytes | None) -> None:
+def test_a_stop_that_cannot_be_read_is_a_stop(tmp_path, data):
     file = tmp_path / "stop.json"
     file.mkdir() if data is None else file.write_bytes(data)
     assert StopFile(tmp_path).read() == ""
@@ -31,29 +28,27 @@ def test_a_stop_that_cannot_be_read_is_a_stop(tmp_path: Path, data: bytes | None
 class SlowStopFile(StopFile):
     """Waits in a write until the disk may `go` on; `begun` keeps what came to it."""
 
-    def __init__(self, state_dir: Path) -> None:
+    def __init__(self, state_dir):
         super().__init__(state_dir)
         self.go = threading.Event()
         self.go.set()
         self.begun = list[str]()
 
-    def write(self, by: str) -> None:
+    def write(self, by):
         self.begun.append(by)
         assert self.go.wait(5)
         super().write(by)
 
-    def remove(self) -> None:
+    def remove(self):
         assert self.go.wait(5)
         super().remove()
 
 
 @asynccontextmanager
-async def running(
-    file: StopFile, answers: list[str], reports: list[str | None] | None = None
-) -> AsyncIterator[Latch]:
+async def running(file, answers, reports=None):
     """A latch whose task runs; `told` gets whose stop is told with each answer."""
 
-    def answer(order_id: str) -> None:
+    def answer(order_id):
         answers.append(order_id)
         if reports is not None:
             reports.append(latch.reported_by)
@@ -65,7 +60,7 @@ async def running(
     await asyncio.gather(task, return_exceptions=True)
 
 
-async def test_a_stop_counts_before_the_disk_has_it_and_is_answered_after(tmp_path: Path) -> None:
+async def test_a_stop_counts_before_the_disk_has_it_and_is_answered_after(tmp_path):
     file, answers = SlowStopFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
         file.go.clear()
@@ -80,7 +75,7 @@ async def test_a_stop_counts_before_the_disk_has_it_and_is_answered_after(tmp_pa
         assert file.read() == "ben"
 
 
-async def test_a_release_counts_when_the_disk_has_it(tmp_path: Path) -> None:
+async def test_a_release_counts_when_the_disk_has_it(tmp_path):
     file, answers = SlowStopFile(tmp_path), list[str]()
     file.write("ben")
     async with running(file, answers) as latch:
@@ -94,7 +89,7 @@ async def test_a_release_counts_when_the_disk_has_it(tmp_path: Path) -> None:
         assert file.read() is None
 
 
-async def test_a_stop_during_a_release_wins(tmp_path: Path) -> None:
+async def test_a_stop_during_a_release_wins(tmp_path):
     """In memory at once, and on the disk in the end; no answer on the way says that the robot is released."""
     file, answers, reports = SlowStopFile(tmp_path), list[str](), list[str | None]()
     async with running(file, answers, reports) as latch:
@@ -111,7 +106,7 @@ async def test_a_stop_during_a_release_wins(tmp_path: Path) -> None:
         assert reports == ["ben", "ben", "eve"]
 
 
-async def test_repeats_of_a_stop_do_not_pile_up_before_a_disk_that_hangs(tmp_path: Path) -> None:
+async def test_repeats_of_a_stop_do_not_pile_up_before_a_disk_that_hangs(tmp_path):
     """The newest is written and answered, for which the agent waits; those that it overtook are not."""
     file, answers = SlowStopFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
@@ -127,7 +122,7 @@ async def test_repeats_of_a_stop_do_not_pile_up_before_a_disk_that_hangs(tmp_pat
         assert (answers, latch.reported_by) == (["first", "999"], "p999")
 
 
-async def test_what_waits_for_a_disk_is_bounded(tmp_path: Path) -> None:
+async def test_what_waits_for_a_disk_is_bounded(tmp_path):
     """That holds whatever the messages; releases are dropped first, so that the robot stays stopped."""
     file, answers = SlowStopFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
@@ -148,11 +143,11 @@ STEPS = st.lists(
 
 
 @given(STEPS)
-def test_disk_and_memory_end_as_the_last_order_says(steps: list[str]) -> None:
+def test_disk_and_memory_end_as_the_last_order_says(steps):
     """However the disk hangs and comes back meanwhile; each release and the newest stop are answered."""
 
-    async def scenario(file: SlowStopFile) -> None:
-        last: str | None = None
+    async def scenario(file):
+        last = None
         answers = list[str]()
         async with running(file, answers) as latch:
             for number, step in enumerate(steps):
@@ -180,7 +175,7 @@ def test_disk_and_memory_end_as_the_last_order_says(steps: list[str]) -> None:
         asyncio.run(scenario(SlowStopFile(Path(place))))
 
 
-async def test_a_disk_that_fails_leaves_the_robot_stopped(tmp_path: Path) -> None:
+async def test_a_disk_that_fails_leaves_the_robot_stopped(tmp_path):
     answers = list[str]()
     (tmp_path / "stop.json").mkdir()
     async with running(StopFile(tmp_path), answers) as latch:
@@ -210,18 +205,18 @@ def test_a_number_that_cannot_be_read_is_none(tmp_path, text, caplog):
 
 
 class SlowFenceFile(FenceFile):
-    def __init__(self, state_dir: Path) -> None:
+    def __init__(self, state_dir):
         super().__init__(state_dir)
         self.go = threading.Event()
         self.begun = list[int]()
 
-    def write(self, fence: int) -> None:
+    def write(self, fence):
         self.begun.append(fence)
         assert self.go.wait(5)
         super().write(fence)
 
 
-async def test_a_newer_number_waits_for_the_disk_and_an_older_one_does_not(tmp_path: Path) -> None:
+async def test_a_newer_number_waits_for_the_disk_and_an_older_one_does_not(tmp_path):
     FenceFile(tmp_path).write(13)
     file = SlowFenceFile(tmp_path)
     store = FenceStore(file)
@@ -236,7 +231,7 @@ async def test_a_newer_number_waits_for_the_disk_and_an_older_one_does_not(tmp_p
     assert file.begun == [14]
 
 
-async def test_the_disk_gets_one_number_after_the_other(tmp_path: Path) -> None:
+async def test_the_disk_gets_one_number_after_the_other(tmp_path):
     """Two writes at once could leave the older one there, even after whoever waited has gone."""
     file = SlowFenceFile(tmp_path)
     store = FenceStore(file)
@@ -267,7 +262,7 @@ async def test_a_disk_that_fails_keeps_nobody_waiting_and_may_work_again(tmp_pat
     assert FenceFile(tmp_path / "gone").read() == 14
 
 
-async def test_a_number_that_is_noted_is_written_without_anybody_waiting(tmp_path: Path) -> None:
+async def test_a_number_that_is_noted_is_written_without_anybody_waiting(tmp_path):
     store = FenceStore(FenceFile(tmp_path))
     store.note(14)
     store.note(3)
@@ -287,12 +282,12 @@ B = Driven("/b", "unknown")
         '{"topics": [{"topic": "/x", "shape": "twist", "type": "std_msgs/String"}]}',
     ],
 )  # fmt: skip
-def test_motion_that_cannot_be_read_is_motion(tmp_path: Path, text: str) -> None:
+def test_motion_that_cannot_be_read_is_motion(tmp_path, text):
     (tmp_path / "motion.json").write_text(text)
     assert MotionFile(tmp_path).read() == []
 
 
-def test_the_motion_file_says_how_each_topic_is_driven_now(tmp_path: Path) -> None:
+def test_the_motion_file_says_how_each_topic_is_driven_now(tmp_path):
     """It does so after a change of type, too; of topics that were forgotten it says nothing."""
     file = MotionFile(tmp_path)
     file.ensure(A, ["/a"])
@@ -307,7 +302,7 @@ def test_the_motion_file_says_how_each_topic_is_driven_now(tmp_path: Path) -> No
     assert file.read() == [A, B]
 
 
-def test_the_motion_file_goes_when_the_robot_has_stood_for_a_while(tmp_path: Path) -> None:
+def test_the_motion_file_goes_when_the_robot_has_stood_for_a_while(tmp_path):
     file = MotionFile(tmp_path)
     file.ensure(A, ["/a"])
     file.tend(5.0, moves=True)
@@ -319,7 +314,7 @@ def test_the_motion_file_goes_when_the_robot_has_stood_for_a_while(tmp_path: Pat
     assert file.ends_at is None
 
 
-def test_another_guards_motion_file_stays(tmp_path: Path) -> None:
+def test_another_guards_motion_file_stays(tmp_path):
     """Until it is taken over: a guard that has not read its settings yet ends while another one drives."""
     MotionFile(tmp_path).ensure(A, ["/a"])
     file = MotionFile(tmp_path)
@@ -330,7 +325,7 @@ def test_another_guards_motion_file_stays(tmp_path: Path) -> None:
     assert file.read() is None
 
 
-def test_a_motion_file_that_cannot_be_removed_stays_for_now(tmp_path: Path) -> None:
+def test_a_motion_file_that_cannot_be_removed_stays_for_now(tmp_path):
     file = MotionFile(tmp_path)
     file.ensure(A, ["/a"])
     (tmp_path / "motion.json").unlink()

@@ -1,14 +1,10 @@
 """The guard as the agent sees and supervises it, with fake guard processes."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal
-from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import pytest
 from fake_cloud import echo, eventually
@@ -21,21 +17,18 @@ from robotether_agent.guard.supervisor import (
     MAX_PAUSE_S,
     MAX_UNSENT_LINES,
     GuardSupervisor,
-    GuardView,
     pause_before,
 )
 from robotether_agent.own_programs import program_environment
 from robotether_agent.problems import GuardDownError
 
-Start = Callable[[str], Awaitable[GuardProcess]]
-
 
 @pytest.fixture
-async def start(place: Path) -> AsyncIterator[Start]:
-    started: list[GuardProcess] = []
-    servers: list[ForkServer] = []
+async def start(place):
+    started = []
+    servers = []
 
-    async def start_guard(mode: str) -> GuardProcess:
+    async def start_guard(mode):
         servers.append(ForkServer.start(fake_guard_command(place, mode)))
         started.append(await GuardProcess.start(servers[-1]))
         return started[-1]
@@ -47,7 +40,7 @@ async def start(place: Path) -> AsyncIterator[Start]:
         server.close()
 
 
-async def served(guard: GuardProcess, lines: list[dict[str, Any]] | None = None) -> str:
+async def served(guard, lines=None):
     taken = [] if lines is None else lines
     with pytest.raises(GuardDownError) as caught:
         await asyncio.wait_for(guard.serve(lambda line: taken.append(dict(line))), 60)
@@ -191,28 +184,28 @@ URL = "ws://127.0.0.1:9090"
 
 
 class RunningSupervisor:
-    def __init__(self, place: Path, modes: tuple[str, ...]) -> None:
-        self.views: list[GuardView] = []
+    def __init__(self, place, modes):
+        self.views = []
         command = fake_guard_command(place, *modes)
         self.supervisor = GuardSupervisor(URL, command, on_change=self.views.append)
         self.task = asyncio.ensure_future(self.supervisor.run())
         self._place = place
 
-    async def ready(self, count: int = 1) -> None:
-        def is_ready() -> bool:
+    async def ready(self, count=1):
+        def is_ready():
             born = births(self._place)
             return len(born) >= count and self.supervisor.view.port == born[-1]["port"]
 
         await eventually(is_ready, lambda: f"guard {count}: {self.supervisor.view}")
 
-    async def is_stopped(self, expected: bool = True) -> None:
+    async def is_stopped(self, expected=True):
         view = self.supervisor
         await eventually(lambda: view.view.stopped is expected, lambda: f"{view.view}")
 
-    async def hears(self, *kinds: str) -> list[dict[str, Any]]:
+    async def hears(self, *kinds):
         """Wait until the newest guard has heard these kinds, and return them, each one's last."""
 
-        def of_the_newest() -> dict[str, dict[str, Any]]:
+        def of_the_newest():
             lines = heard(self._place)
             start = max((at for at, line in enumerate(lines) if line["type"] == "born"), default=0)
             return {line["type"]: line for line in lines[start:]}
@@ -222,17 +215,17 @@ class RunningSupervisor:
         )
         return [of_the_newest()[kind] for kind in kinds]
 
-    async def stop(self) -> None:
+    async def stop(self):
         self.task.cancel()
         with suppress(asyncio.CancelledError):
             await self.task
 
 
 @pytest.fixture
-async def keep(place: Path) -> AsyncIterator[Callable[..., RunningSupervisor]]:
-    made: list[RunningSupervisor] = []
+async def keep(place):
+    made = []
 
-    def start(*modes: str) -> RunningSupervisor:
+    def start(*modes):
         made.append(RunningSupervisor(place, modes))
         return made[-1]
 
@@ -242,7 +235,7 @@ async def keep(place: Path) -> AsyncIterator[Callable[..., RunningSupervisor]]:
 
 
 @pytest.fixture
-async def running(keep: Callable[..., RunningSupervisor]) -> RunningSupervisor:
+async def running(keep):
     made = keep("serves")
     await made.ready()
     return made
@@ -390,7 +383,7 @@ async def test_a_session_that_takes_nothing_costs_no_memory(running, place):
             running.supervisor.on_stop(f"s{number}", "ben")
         last = f"s{MAX_UNSENT_LINES + 4}"
 
-        def newest() -> bool:
+        def newest():
             return any(line["answers"] == last for line in lines._queue)
 
         await eventually(newest, lambda: f"{lines}")

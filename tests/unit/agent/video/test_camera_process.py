@@ -1,12 +1,9 @@
 """RTSP cameras and devices of the settings, by a process with PyAV."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import struct
 from contextlib import suppress
-from typing import Literal
 
 import pytest
 from fake_cloud import eventually
@@ -16,18 +13,17 @@ from robotether_agent.video import sources as sources_module
 from robotether_agent.video.encoder_messages import EncodeRequest
 from robotether_agent.video.encoder_process import FrameTranscoder
 from robotether_agent.video.jpeg import jpeg_size
-from robotether_agent.video.sources import CameraFrame, SourceDownError, run_camera
+from robotether_agent.video.sources import SourceDownError, run_camera
 from robotether_common.codecs import H264
 from video_clips import clip, jpeg_of, pixels_of, psnr
 
-RtspMode = Literal["streams", "refuses", "redirects", "describes", "audio"]
 FPS = 15
 RTP = struct.Struct("!BBHII")
 CLOCK = 90_000
 SPS, PPS = 7, 8
 
 
-def units_of(data: bytes) -> list[bytes]:
+def units_of(data):
     """Return the NAL units of an access unit in Annex B."""
     return [unit.rstrip(b"\0") for unit in data.split(b"\0\0\1")[1:]]
 
@@ -39,7 +35,7 @@ class FakeRtspCamera:
     `redirects` leads to `location`; `describes` has a description that leads there; `audio` has a microphone alone.
     """
 
-    def __init__(self, jpegs: list[bytes], mode: RtspMode = "streams", location: str = "") -> None:
+    def __init__(self, jpegs, mode="streams", location=""):
         transcoder = FrameTranscoder()
         self.units = [
             units_of(transcoder.encode(EncodeRequest(jpeg, H264, 320, 240, 800_000, FPS)).data)
@@ -47,19 +43,19 @@ class FakeRtspCamera:
         ]
         self.mode = mode
         self.location = location
-        self.requests: list[str] = []
+        self.requests = []
 
-    async def __aenter__(self) -> FakeRtspCamera:
+    async def __aenter__(self):
         self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
         self.url = f"rtsp://me:secret@127.0.0.1:{self._server.sockets[0].getsockname()[1]}/video"
         return self
 
-    async def __aexit__(self, *_: object) -> None:
+    async def __aexit__(self, *_):
         self._server.close()
         await self._server.wait_closed()
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        playing: asyncio.Future[None] | None = None
+    async def _serve(self, reader, writer):
+        playing = None
         with suppress(ConnectionError, asyncio.IncompleteReadError):
             while True:
                 request = (await reader.readuntil(b"\r\n\r\n")).decode()
@@ -73,7 +69,7 @@ class FakeRtspCamera:
             await asyncio.gather(playing, return_exceptions=True)
         writer.close()
 
-    def _answer(self, method: str, request: str) -> bytes:
+    def _answer(self, method, request):
         number = request.lower().split("cseq: ")[1].split("\r\n")[0]
         status, head, body = "200 OK", "", ""
         if self.mode == "refuses" and method != "OPTIONS":
@@ -89,7 +85,7 @@ class FakeRtspCamera:
             head = "Transport: RTP/AVP/TCP;unicast;interleaved=0-1\r\n"
         return f"RTSP/1.0 {status}\r\nCSeq: {number}\r\nSession: 1\r\n{head}\r\n{body}".encode()
 
-    def _description(self) -> str:
+    def _description(self):
         if self.mode == "audio":
             return "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=x\r\nt=0 0\r\nm=audio 0 RTP/AVP 0\r\na=control:track1\r\n"
         sets = [unit for unit in self.units[0] if unit[0] & 31 in (SPS, PPS)]
@@ -101,7 +97,7 @@ class FakeRtspCamera:
             f"a=fmtp:96 packetization-mode=1;sprop-parameter-sets={sprop}\r\na=control:{control}\r\n"
         )
 
-    async def _play(self, writer: asyncio.StreamWriter) -> None:
+    async def _play(self, writer):
         sequence = number = 0
         while True:
             units = self.units[number % len(self.units)]
@@ -120,8 +116,8 @@ PICTURES = list(clip(20, step=2))
 JPEGS = [jpeg_of(picture) for picture in PICTURES]
 
 
-async def down_reason(url: str) -> str:
-    frames: list[CameraFrame] = []
+async def down_reason(url):
+    frames = []
     with pytest.raises(SourceDownError) as down:
         await run_camera(url, frames.append, what="camera rear")
     assert frames == []
@@ -129,7 +125,7 @@ async def down_reason(url: str) -> str:
 
 
 async def test_an_rtsp_camera_gives_its_newest_frames_as_jpegs():
-    frames: list[CameraFrame] = []
+    frames = []
     async with FakeRtspCamera(JPEGS) as camera:
         reading = asyncio.ensure_future(run_camera(camera.url, frames.append, what="camera rear"))
         await eventually(lambda: len(frames) >= 30 or reading.done(), lambda: str(len(frames)), 30)
@@ -165,7 +161,7 @@ async def test_an_answer_that_is_no_camera_is_a_reason_without_the_url(monkeypat
         monkeypatch.setattr(sources_module, "PROCESS_START_S", 6.0)
     visits = []
 
-    async def visited(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def visited(_, writer):
         visits.append(1)
         writer.close()
 

@@ -1,9 +1,6 @@
 """One receiver, by itself: credit, what waits for it, numbers, and which sizes it asks for."""
 
-from __future__ import annotations
-
 import itertools
-from collections.abc import AsyncIterator
 from random import Random
 
 import pytest
@@ -15,7 +12,7 @@ from robotether_agent.video.waiting_frames import HELD_S, MAX_WAITING, NewFrame,
 from robotether_common.codecs import H264, JPEG
 
 
-def passed(limiter: FrameRateLimiter, times: list[float]) -> list[int]:
+def passed(limiter, times):
     return [number for number, at in enumerate(times) if limiter.allows(at)]
 
 
@@ -42,7 +39,7 @@ def test_a_pause_is_not_made_up_for():
 
 
 @pytest.fixture
-async def world() -> AsyncIterator[World]:
+async def world():
     made = World()
     yield made
     await made.end()
@@ -82,7 +79,7 @@ async def test_each_frame_is_reported_before_it_leaves(world):
     assert unpacked(world.socket.pictures[0]).sequence == FIRST + 2
 
 
-async def take_late(world: World, count: int) -> None:
+async def take_late(world, count):
     """Give frames of which each is taken 0.15 s later."""
     for number in range(1, count + 1):
         world.give(number)
@@ -142,7 +139,7 @@ async def test_fewer_frames_than_the_camera_gives_bring_the_quality_down(world):
 REQUEST = SourceRequest("/camera", 80, None, None, 15.0)
 
 
-def put(waiting: WaitingFrames, kinds: str, *, at_s: float = 0.0, step_s: float = 0.0) -> None:
+def put(waiting, kinds, *, at_s=0.0, step_s=0.0):
     """Let frames wait by their kind, a letter each: J of JPEG, K a key frame, F another one of H.264."""
     for kind in kinds:
         codec = JPEG if kind == "J" else H264
@@ -151,7 +148,7 @@ def put(waiting: WaitingFrames, kinds: str, *, at_s: float = 0.0, step_s: float 
         at_s += step_s
 
 
-def taken(waiting: WaitingFrames) -> str:
+def taken(waiting):
     frames = iter(waiting.next, None)
     return b"".join(new.frame.data for new in frames).decode()
 
