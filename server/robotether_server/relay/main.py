@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import logging
 import os
 import signal
@@ -14,7 +13,7 @@ import uvloop
 from robotether_server import logs
 from robotether_server.problems import SettingsError
 from robotether_server.relay.cells.keys import read_peer_keys
-from robotether_server.relay.http.event_loop import EventLoop, raise_open_files, watched
+from robotether_server.relay.http.event_loop import EventLoop, prepare_process, watched
 from robotether_server.relay.options import Listen
 from robotether_server.relay.records.database import open_database
 from robotether_server.relay.records.journal import JOURNAL, Journal
@@ -22,9 +21,6 @@ from robotether_server.relay.wiring import Relay
 from robotether_server.settings.server import RelaySettings, load
 
 log = logging.getLogger(__name__)
-
-# Time limit for a thread that reads the database before the event loop has its turn; Python's own is 5 ms.
-SWITCH_AFTER_S = 0.0005
 
 
 def main() -> None:
@@ -34,11 +30,7 @@ def main() -> None:
     except SettingsError as problem:
         sys.exit(problem.detail)
     logs.set_up(settings.log_level, settings.log_format)
-    raise_open_files()
-    # Else each full garbage collection visits all modules, and holds up every command for tens of ms.
-    gc.freeze()
-    # uvloop asks for its turn at each callback, of which a message takes several.
-    sys.setswitchinterval(SWITCH_AFTER_S)
+    prepare_process()
     uvloop.run(watched(run(settings, Listen(), Journal(JOURNAL))), loop_factory=EventLoop)
     logging.shutdown()
     # Threads that wait for a database that hangs would hold the interpreter's exit.

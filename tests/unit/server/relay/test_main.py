@@ -24,8 +24,8 @@ from robotether_server.relay.records.journal import Journal
 
 def test_a_fleet_needs_more_open_files_than_a_container_begins_with():
     script = (
-        "import resource; from robotether_server.relay.http.event_loop import raise_open_files; "
-        "resource.setrlimit(resource.RLIMIT_NOFILE, (64, 2048)); raise_open_files(); "
+        "import resource; from robotether_server.relay.http.event_loop import prepare_process; "
+        "resource.setrlimit(resource.RLIMIT_NOFILE, (64, 2048)); prepare_process(); "
         "print(*resource.getrlimit(resource.RLIMIT_NOFILE))"
     )
     assert run_python("-c", script).stdout == "2048 2048\n"
