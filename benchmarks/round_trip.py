@@ -173,9 +173,9 @@ def measure(demo: Demo, count: int = COUNT) -> Section:
         f"Round trip of a {FRAME_BYTES}-byte publish and its echo at {RATE_HZ} Hz",
         "Aim: at most 0.5 ms above the bare `ssh -R` at p50, and 1.3 times its p99, both of the same run. The robot is "
         "driven; the second run is while a recording of it lasts.\n\n"
-        "Where it goes: on 2026-11-30, on a busy machine, a round trip took 1.36 ms of processor beyond the bare "
-        "tunnel's: relay 0.48, agent 0.30, guard 0.26, the client's TLS 0.17, nginx 0.16. Of what relay, agent and "
-        "guard take, the interpreter of Python has 60 to 75 %, and the kernel 13 to 21 %.",
+        "Where it goes: on 2026-11-30 a round trip took 1.5 ms of processor beyond the bare tunnel's: relay 0.41, "
+        "agent 0.34, guard 0.26, the client's TLS 0.17, nginx 0.15, the second SSH connection 0.13. Of what relay, "
+        "agent and guard take, the interpreter of Python has 60 to 75 %, and the kernel 13 to 21 %.",
         pd.concat([alone, recorded], ignore_index=True),
     )
 

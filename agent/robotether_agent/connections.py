@@ -120,8 +120,7 @@ async def serve_video(
     on_encoders: Callable[[str], None],
 ) -> AsyncIterator[Role]:
     """Serve the robot's cameras and topics by a video proxy."""
-    pacer = Pacer()
-    topics = TopicsService(settings.rosbridge_url, pacer)
+    topics, pacer = TopicsService(settings.rosbridge_url), Pacer()
 
     async def answer_line_rate(_request: web.Request) -> web.Response:
         return web.json_response({BYTES_PER_S: pacer.line_rate()})
@@ -140,7 +139,7 @@ async def serve_video(
         ends.push_async_callback(topics.close)
         ends.push_async_callback(frames.close)
         local = LocalService(
-            await frames.start(), frames.serve, OWN_ANSWERS[settings.video_source], frames.yields
+            await frames.start(), OWN_ANSWERS[settings.video_source], frames.yields
         )
         video_proxy = VideoProxy(settings.video_url, local, pacer)
         ends.push_async_callback(video_proxy.close)

@@ -18,7 +18,6 @@ from contextlib import suppress
 
 import aiohttp
 from aiohttp import WSCloseCode, WSMsgType, web
-from aiohttp.abc import AbstractStreamWriter
 from robotether_common.guard import REASON_HEADER
 from robotether_common.topics import (
     KNOWN,
@@ -27,7 +26,6 @@ from robotether_common.topics import (
     MAX_TOPICS,
     MessageQueue,
     digest,
-    websocket_header,
 )
 
 from robotether_agent.describe_error import describe_error
@@ -51,7 +49,6 @@ from robotether_agent.rosbridge_socket import (
 )
 from robotether_agent.tasks import first_of, within
 from robotether_agent.unsent import SEND_BYTES, keep_little_unsent
-from robotether_agent.video.pacer import Pacer
 
 # Maximum number of connections: for each topic one, and briefly one that asks what a newcomer missed.
 MAX_CONNECTIONS = 2 * MAX_TOPICS
@@ -60,82 +57,29 @@ SUBSCRIPTION_WITHIN_S = 5.0
 REPEATED_WITHIN_S = 2.0
 # Maximum number of pongs that wait behind messages; beyond it the oldest are dropped, which only makes ages greater.
 MAX_PONGS = 64
-# Maximum size of what a topic sends in a second that does not count as bulk.
-BULK_AFTER_BYTES = 8 * 1024
-# Flag of a whole message in its first byte (RFC 6455, 5.2).
-WHOLE = 0x80
 # What a subscription may hold.
 MEMBERS = frozenset(
     ("op", "topic", "type", "throttle_rate", "queue_length", "fragment_size", "compression", "qos")
 )
 
 
-class RelaySocket(web.WebSocketResponse):
-    """The relay's end; what it is sent takes its turns among all that goes over the media connection."""
+class TopicsService:
+    """All subscriptions of the relay; `close` ends the way to rosbridge."""
 
-    def __init__(self, pacer: Pacer) -> None:
-        super().__init__(
+    def __init__(self, rosbridge_url: str) -> None:
+        self._url = rosbridge_url
+        self._http = new_http()
+        self._count = 0
+
+    async def answer(self, request: web.Request) -> web.StreamResponse:
+        """Serve one connection until either side ends it."""
+        relay = web.WebSocketResponse(
             timeout=FAREWELL_S,
             autoping=False,
             compress=False,
             max_msg_size=MAX_SUBSCRIPTION_BYTES,
             writer_limit=SEND_BYTES,
         )
-        self._pacer = pacer
-        self._stream: AbstractStreamWriter | None = None
-        self._transport: asyncio.Transport | None = None
-        # Held while a message is sent.
-        self.sending = asyncio.Lock()
-        self._clock = asyncio.get_running_loop().time
-        self._sent = 0
-        # How much had been sent when the last second began, and when that was.
-        self._second = (0, self._clock())
-
-    async def open(self, request: web.Request) -> None:
-        """Answer the upgrade."""
-        keep_little_unsent(request)
-        self._transport = request.transport
-        self._stream = await self.prepare(request)
-
-    async def send_message(self, message: bytes, kind: WSMsgType) -> None:
-        """Send a message, in as many pieces as it gets turns."""
-        async with self.sending:
-            await self._pass(websocket_header(WHOLE | kind, len(message)) + message)
-
-    async def _pass(self, frame: bytes) -> None:
-        rest = memoryview(frame)
-        while rest:
-            granted = await self._pacer.acquire(len(rest), is_bulk=self._is_bulk(len(rest)))
-            if self._transport is None or self._stream is None or self._transport.is_closing():
-                raise ConnectionResetError("the relay is gone")
-            self._transport.write(rest[:granted])
-            rest = rest[granted:]
-            self._sent += granted
-            await self._stream.drain()
-
-    def _is_bulk(self, waiting: int) -> bool:
-        """Whether others overtake it: it sends more than a small topic does.
-
-        What waits counts: on a full line each of many large topics gets no more through than a small one.
-        """
-        now_s = self._clock()
-        if now_s - self._second[1] > 1.0:
-            self._second = (self._sent, now_s)
-        return self._sent + waiting - self._second[0] > BULK_AFTER_BYTES
-
-
-class TopicsService:
-    """All subscriptions of the relay; `close` ends the way to rosbridge."""
-
-    def __init__(self, rosbridge_url: str, pacer: Pacer) -> None:
-        self._url = rosbridge_url
-        self._pacer = pacer
-        self._http = new_http()
-        self._count = 0
-
-    async def answer(self, request: web.Request) -> web.StreamResponse:
-        """Serve one connection until either side ends it."""
-        relay = RelaySocket(self._pacer)
         if not relay.can_prepare(request):
             raise web.HTTPNotFound(text="connect with a WebSocket\n")
         if self._count >= MAX_CONNECTIONS:
@@ -151,7 +95,7 @@ class TopicsService:
         """Connect to rosbridge no more."""
         await self._http.close()
 
-    async def _join(self, request: web.Request, relay: RelaySocket) -> web.StreamResponse:
+    async def _join(self, request: web.Request, relay: web.WebSocketResponse) -> web.StreamResponse:
         try:
             rosbridge = await open_rosbridge(self._http, self._url)
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
@@ -159,7 +103,8 @@ class TopicsService:
             reason = printable(f"rosbridge does not answer: {why}")
             raise web.HTTPBadGateway(headers={REASON_HEADER: reason}) from error
         try:
-            await relay.open(request)
+            keep_little_unsent(request)
+            await relay.prepare(request)
             digests = request.query.get(KNOWN)
             await self._serve(relay, rosbridge, None if digests is None else digests.split(","))
         finally:
@@ -168,7 +113,7 @@ class TopicsService:
 
     async def _serve(
         self,
-        relay: RelaySocket,
+        relay: web.WebSocketResponse,
         rosbridge: RosbridgeSocket,
         digests: list[str] | None,
     ) -> None:
@@ -196,7 +141,7 @@ class TopicStream:
 
     def __init__(
         self,
-        relay: RelaySocket,
+        relay: web.WebSocketResponse,
         rosbridge: RosbridgeSocket,
         subscription: Mapping[str, object],
     ) -> None:
@@ -210,29 +155,24 @@ class TopicStream:
         self._pongs: deque[bytes] = deque(maxlen=MAX_PONGS)
         self._clock = asyncio.get_running_loop().time
         self._has_message = asyncio.Event()
-        self._is_over = False
         # Why rosbridge ended it, for people; empty: it did not say.
         self.why = ""
         self.code = WSCloseCode.OK
 
     async def read(self) -> None:
-        """Take what rosbridge sends until it ends, and the message that is being sent."""
+        """Take what rosbridge sends until it ends."""
         while (message := await self._next()) is not None:
             self._queue.push(*message, self._clock())
             self._has_message.set()
-        # The relay reads a close frame, and why it ended, only behind a whole message.
-        self._is_over = True
-        async with self._relay.sending:
-            pass
 
     async def send(self) -> None:
         """Pass on what is there, as the connection takes it."""
         while True:
             await self._has_message.wait()
             self._has_message.clear()
-            while self._queue and not self._is_over:
+            while self._queue:
                 message, kind = self._queue.pop()
-                await self._relay.send_message(message, kind)
+                await self._relay.send_frame(message, kind)
             while self._pongs and not self._queue:
                 await self._relay.pong(self._pongs.popleft())
 

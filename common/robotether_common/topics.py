@@ -1,4 +1,4 @@
-"""The topics service (docs/reference/media.md, "Topics") as agent and relay know it: path, bounds, queue and header.
+"""The topics service (docs/reference/media.md, "Topics") as agent and relay know it: its path, its bounds, its queue.
 
 Each connection carries one subscription, so that none of its messages is parsed to learn whose it is.
 """
@@ -6,7 +6,6 @@ Each connection carries one subscription, so that none of its messages is parsed
 from __future__ import annotations
 
 import re
-import struct
 import zlib
 from collections import deque
 from typing import Generic, TypeVar
@@ -37,15 +36,6 @@ def digest(message: bytes) -> str:
     received = RECEIVED.search(message, 0, MAX_HEAD_BYTES)
     content = message if received is None else message[received.end() :]
     return f"{zlib.crc32(content):08x}{len(content):x}"
-
-
-def websocket_header(first: int, size: int) -> bytes:
-    """Write the WebSocket header (RFC 6455, 5.2) of a whole message without a mask."""
-    if size < 126:  # noqa: PLR2004  # the RFC's own number
-        return struct.pack("!BB", first, size)
-    if size < 2**16:
-        return struct.pack("!BBH", first, 126, size)
-    return struct.pack("!BBQ", first, 127, size)
 
 
 class MessageQueue(Generic[Kind]):

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import socket
 from collections import Counter
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AsyncExitStack, suppress
@@ -45,8 +44,6 @@ ADDRESS = "127.0.0.1"
 MAX_TOPIC_LENGTH = 256
 # Maximum number of receivers; the relay has one per camera, and briefly two when it reconnects.
 MAX_RECEIVERS = 2 * MAX_SHARED_SOURCES
-# Maximum number of connections, at which none is taken over: 64 topics have one each, and briefly two.
-MAX_CONNECTIONS = 160
 SHUTDOWN_S = 0.2
 FAREWELL_S = 0.5
 STILL_WITHIN_S = 5.0
@@ -103,18 +100,6 @@ class FramesService:
         await web.TCPSite(self._runner, ADDRESS, 0).start()
         port: int = self._runner.addresses[0][1]
         return port
-
-    async def serve(self, connection: socket.socket, received: bytes) -> None:
-        """Answer on a connection of somebody else's, of which these bytes were received already."""
-        server = self._runner.server
-        if server is None or len(server.connections) >= MAX_CONNECTIONS:
-            log.warning("refused a connection: %d are open", MAX_CONNECTIONS)
-            connection.close()
-            return
-        loop = asyncio.get_running_loop()
-        _, protocol = await loop.connect_accepted_socket(server, connection)
-        # Before what follows: the loop reads the socket after this task's turn.
-        protocol.data_received(received)
 
     async def close(self) -> None:
         """End all answers and sources, also when this is cancelled."""

@@ -2,7 +2,7 @@
 
 Started by the agent, one for its whole life; the forward of `video_port` leads to its port:
 
-    proxy = VideoProxy(settings.video_url, LocalService(frames_port, frames.serve, "down"), Pacer())
+    proxy = VideoProxy(settings.video_url, LocalService(port=frames.port, when="down"), Pacer())
     port = await proxy.start()                      # forward to 127.0.0.1:port in place of video_url
     proxy.use(tunnel.socket)                        # for each new media connection, before or after its forward
     proxy.hold()                                    # when that connection ends
@@ -13,7 +13,7 @@ unpaced, as also on a kernel that reports too little. What does not fit into the
 web_video_server, which keeps one frame a viewer and drops those that come meanwhile: where they are made, before they
 cost anything. (After each 0.5 s in which a viewer took nothing it queues one more: that is how it treats slow viewers.)
 Of HTTP it knows the first words of a connection: `GET /robotether/` leads to the agent's own media service, any other
-URL passes, unchanged and at once. A topic's connection it only begins. Never keeps more than CHUNK bytes of a stream.
+URL passes, unchanged and at once. Never keeps more than CHUNK bytes of a stream.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -48,6 +48,8 @@ LOCAL_PATHS = (b"GET /robotether/", b"HEAD /robotether/")
 TOPICS = b"GET " + TOPICS_PATH.encode()
 KNOWN_PATHS = (*LOCAL_PATHS, TOPICS)
 KNOWN_PATH_BYTES = max(map(len, KNOWN_PATHS))
+# Maximum size of what a topic sends in a second that does not count as bulk.
+BULK_AFTER_BYTES = 8 * 1024
 FIRST_WORDS_S = 5.0
 # Time limit for data on the way when one side has ended.
 LAST_S = 10.0
@@ -60,8 +62,6 @@ class LocalService:
     """The agent's own media service, and when it answers what else web_video_server would."""
 
     port: int
-    # Takes over a topic's connection, of which these bytes are read: to pass it on costs as much as all else here.
-    serve: Callable[[socket.socket, bytes], Awaitable[None]]
     when: Literal["never", "down", "always"] = "never"
     # Whether what it sends on a connection from this port waits while others send.
     yields: Callable[[int], bool] = lambda _: False
@@ -132,12 +132,11 @@ class VideoProxy:
             viewer.setblocking(False)
             try:
                 first = await first_words(viewer)
-                if first.startswith(TOPICS):
-                    await self._local.serve(viewer.dup(), first)
-                    return
                 with await self._upstream_for(first) as upstream:
+                    is_topic = first.startswith(TOPICS)
                     yields = partial(self._local.yields, upstream.getsockname()[1])
-                    await Stream(viewer, upstream, self._pacer, yields).run(first)
+                    stream = Stream(viewer, upstream, self._pacer, is_topic=is_topic, yields=yields)
+                    await stream.run(first)
             except OSError as error:
                 # A viewer who left, or a web_video_server that does not run: health reports the latter.
                 log.debug("a video connection ended: %r", error)
@@ -186,6 +185,8 @@ class Stream:
         viewer: socket.socket,
         upstream: socket.socket,
         pacer: Pacer,
+        *,
+        is_topic: bool,
         yields: Callable[[], bool],
     ) -> None:
         viewer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
@@ -196,8 +197,10 @@ class Stream:
         self._pacer = pacer
         self._loop = asyncio.get_running_loop()
         self._poured = 0
-        # Whether others overtake it, as a camera's second copy.
+        self._is_topic = is_topic
         self._yields = yields
+        # How much had been poured when the last second began, and when that was.
+        self._second = (0, self._loop.time())
 
     async def run(self, first: bytes) -> None:
         """Pass bytes on, after those that were read already, until both directions have ended, or one fails."""
@@ -223,11 +226,22 @@ class Stream:
         while data := await self._loop.sock_recv(self._upstream, CHUNK):
             rest = memoryview(data)
             while rest:
-                granted = await self._pacer.acquire(len(rest), is_bulk=self._yields())
+                granted = await self._pacer.acquire(len(rest), is_bulk=self._is_bulk(len(rest)))
                 await self._loop.sock_sendall(self._viewer, rest[:granted])
                 rest = rest[granted:]
                 self._poured += granted
         end_writing(self._viewer)
+
+    def _is_bulk(self, waiting: int) -> bool:
+        """Whether others overtake it: a camera's second copy, or a topic that sends more than a small one does.
+
+        What waits counts: on a full line each of many large topics gets no more through than a small one.
+        """
+        now_s = self._loop.time()
+        if now_s - self._second[1] > 1.0:
+            self._second = (self._poured, now_s)
+        sent = self._poured + waiting - self._second[0]
+        return (self._is_topic and sent > BULK_AFTER_BYTES) or self._yields()
 
     async def _drain(self, pour: asyncio.Task[None]) -> None:
         """Go on for a viewer who asks no more, while it gets something; nothing else shows that it left."""

@@ -25,7 +25,6 @@ from robotether_agent.settings import Settings
 from robotether_agent.topics_service import TopicsService
 from robotether_agent.tunnel.openssh import ServiceAddress
 from robotether_agent.tunnel.session import Session
-from robotether_agent.video.pacer import Pacer
 from robotether_common.guard import STAMP
 from robotether_common.topics import PATH
 from sim_robot.graph import Node, TopicMessage
@@ -107,7 +106,7 @@ class GuardedSide:
         self.on_config, self.on_lease = self.supervisor.on_config, self.supervisor.on_lease
         self.on_stop, self.on_release = self.supervisor.on_stop, self.supervisor.on_release
         self.on_session_lost = self.supervisor.on_session_lost
-        self._topics_service = TopicsService(settings.rosbridge_url, Pacer())
+        self._topics_service = TopicsService(settings.rosbridge_url)
         self._topics_port = 0
 
     async def run(self) -> None:

@@ -2,10 +2,10 @@
 
 import asyncio
 import json
-from contextlib import AsyncExitStack
 
 import aiohttp
 import pytest
+from aiohttp import web
 from fake_cloud import eventually
 from fake_rosbridge import FakeRosbridge
 from robotether_agent import rosbridge as rosbridge_module
@@ -14,10 +14,6 @@ from robotether_agent.fields import FieldError
 from robotether_agent.rosbridge import RosGraph, connected, topics_in
 from robotether_agent.rosbridge_socket import close_reason
 from robotether_agent.topics_service import TopicsService, parse_subscription
-from robotether_agent.video.frames_service import FramesService
-from robotether_agent.video.pacer import Pacer
-from robotether_agent.video.sources import SourceSettings
-from robotether_agent.video.video_proxy import LocalService, VideoProxy
 from robotether_common.topics import FRESH_BYTES, PATH, digest
 from timed_websocket import timed_session
 
@@ -135,38 +131,18 @@ class World:
         return relay
 
 
-class SmallTurns(Pacer):
-    """Gives turns of 1000 bytes while it is open; `turns` are those that were requested, and whether as bulk."""
-
-    def __init__(self):
-        super().__init__()
-        self.turns = []
-        self.is_open = asyncio.Event()
-        self.is_open.set()
-
-    async def acquire(self, requested, *, is_bulk=False):
-        self.turns.append((requested, is_bulk))
-        await self.is_open.wait()
-        return min(requested, 1000)
-
-
 @pytest.fixture
-def pacer():
-    return SmallTurns()
-
-
-@pytest.fixture
-async def world(pacer):
-    async with FakeRosbridge({}) as rosbridge, timed_session() as http, AsyncExitStack() as ends:
-        topics = TopicsService(rosbridge.url, pacer)
-        ends.push_async_callback(topics.close)
-        sources = SourceSettings("http://127.0.0.1:1", rosbridge.url, "rosbridge", {})
-        frames = FramesService(sources, RosGraph(rosbridge.url), routes={PATH: topics.answer})
-        port = await frames.start()
-        ends.push_async_callback(frames.close)
-        proxy = VideoProxy("http://127.0.0.1:1", LocalService(port, frames.serve), pacer)
-        ends.push_async_callback(proxy.close)
-        yield World(rosbridge, http, await proxy.start())
+async def world():
+    async with FakeRosbridge({}) as rosbridge, timed_session() as http:
+        service = TopicsService(rosbridge.url)
+        app = web.Application()
+        app.router.add_get(PATH, service.answer)
+        runner = web.AppRunner(app, handler_cancellation=True, shutdown_timeout=0.2)
+        await runner.setup()
+        await web.TCPSite(runner, "127.0.0.1", 0).start()
+        yield World(rosbridge, http, runner.addresses[0][1])
+        await runner.cleanup()
+        await service.close()
 
 
 async def test_messages_pass_as_rosbridge_sends_them(world):
@@ -229,31 +205,6 @@ async def test_a_relay_that_takes_little_gets_the_newest_and_then_its_pong(world
     assert numbers == sorted(numbers)
     assert len(numbers) < 399
     await relay.close()
-
-
-async def test_a_large_message_is_bulk_from_its_beginning(world, pacer):
-    """Else many large topics, each of which gets little through a full line, take it from the video."""
-    relay = await world.open()
-    for size in (2000, 70_000):
-        await world.rosbridge.publish("/odom", {"x": "x" * size})
-        assert len((await relay.receive_json(timeout=5))["msg"]["x"]) == size
-    assert sum(not is_bulk for _, is_bulk in pacer.turns) == 3
-    assert pacer.turns[3][0] > 70_000
-
-
-async def test_why_rosbridge_ended_follows_the_message_that_is_being_sent(world, pacer):
-    relay = await world.open()
-    pacer.is_open.clear()
-    await world.rosbridge.publish("/odom", {"x": "x" * 5000})
-    await eventually(lambda: len(pacer.turns) == 1, lambda: "it waits for a turn")
-    (socket,) = world.rosbridge.sockets
-    await socket.close(code=1001, message=b"it restarts")
-    # The agent has answered, in this loop; now it does what it does at the end.
-    for _ in range(20):
-        await asyncio.sleep(0)
-    pacer.is_open.set()
-    assert len((await relay.receive_json(timeout=5))["msg"]["x"]) == 5000
-    assert (await relay.receive(timeout=5)).extra == "it restarts"
 
 
 async def test_what_rosbridge_repeats_to_a_newcomer_is_named_up_to_the_first_that_is_new(world):

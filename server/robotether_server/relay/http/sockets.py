@@ -35,7 +35,6 @@ from aiohttp import (
 from aiohttp.abc import AbstractStreamWriter
 from aiohttp.http_websocket import WSMessageNoDecodeText
 from robotether_common.guard import REASON_HEADER
-from robotether_common.topics import websocket_header
 from yarl import URL
 
 from robotether_server.relay.http import close_reasons
@@ -470,6 +469,15 @@ def keep_little_unsent(transport: asyncio.Transport) -> None:
     socket = transport.get_extra_info("socket")
     if socket is not None:
         socket.setsockopt(IPPROTO_TCP, TCP_NOTSENT_LOWAT, UNSENT_BYTES)
+
+
+def websocket_header(first: int, size: int) -> bytes:
+    """Write the WebSocket header (RFC 6455, 5.2) of a whole message without a mask."""
+    if size < 126:  # noqa: PLR2004  # the RFC's own number
+        return struct.pack("!BB", first, size)
+    if size < 2**16:
+        return struct.pack("!BBH", first, 126, size)
+    return struct.pack("!BBQ", first, 127, size)
 
 
 def _waiting(transport: asyncio.Transport | None) -> int:

@@ -20,7 +20,7 @@ from robotether_agent.video.bandwidth_estimator import Reading
 from robotether_agent.video.frames_service import FramesService
 from robotether_agent.video.pacer import Pacer
 from robotether_agent.video.sources import SourceSettings
-from robotether_agent.video.video_proxy import LocalService, VideoProxy
+from robotether_agent.video.video_proxy import BULK_AFTER_BYTES, LocalService, VideoProxy
 from tcp_service import TcpService
 from timed_websocket import timed_session
 
@@ -68,13 +68,9 @@ async def camera():
 
 @pytest.fixture
 async def proxy(camera):
-    made = VideoProxy(f"http://localhost:{camera.port}", LocalService(1, no_topics), Pacer())
+    made = VideoProxy(f"http://localhost:{camera.port}", LocalService(1), Pacer())
     yield made
     await made.close()
-
-
-async def no_topics(connection, _received):
-    connection.close()
 
 
 class LocalMedia(TcpService):
@@ -86,11 +82,27 @@ class LocalMedia(TcpService):
 @asynccontextmanager
 async def beside(port, when="never"):
     async with LocalMedia() as local:
-        proxy = VideoProxy(
-            f"http://127.0.0.1:{port}", LocalService(local.port, no_topics, when), Pacer()
-        )
+        proxy = VideoProxy(f"http://127.0.0.1:{port}", LocalService(local.port, when), Pacer())
         yield await proxy.start()
         await proxy.close()
+
+
+class LargeTopic(TcpService):
+    async def _talk(self, reader, writer):
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(bytes(100_000))
+        await writer.drain()
+
+
+async def test_a_large_message_of_a_topic_is_bulk_from_its_beginning():
+    """Else many large topics, each of which gets little through a full line, take it from the video."""
+    pacer = NotedPacer()
+    async with LargeTopic() as local:
+        proxy = VideoProxy("http://127.0.0.1:1", LocalService(local.port), pacer)
+        request = b"GET /robotether/topics HTTP/1.1\r\nHost: x\r\n\r\n"
+        assert len(await asked(await proxy.start(), request)) == 100_000
+        await proxy.close()
+    assert sum(size for size, is_bulk in pacer.turns if not is_bulk) <= BULK_AFTER_BYTES
 
 
 async def asked(port, *pieces):
@@ -228,9 +240,7 @@ async def test_the_camera_waits_while_the_window_is_full(camera):
         handed = 14_480 if now_s > started else 0
         return Reading(now_s, handed, 0, 0.04, 0.04, 1448)
 
-    proxy = VideoProxy(
-        f"http://127.0.0.1:{camera.port}", LocalService(1, no_topics), Pacer(stalled)
-    )
+    proxy = VideoProxy(f"http://127.0.0.1:{camera.port}", LocalService(1), Pacer(stalled))
     with socket.socket() as handle:
         proxy.use(handle)
         _, writer = await asyncio.open_connection("127.0.0.1", await proxy.start())
@@ -335,7 +345,7 @@ async def test_a_camera_of_the_settings_is_opened_once(world):
 
 async def test_all_others_overtake_a_receiver_that_yields(world):
     port, pacer = int(world.url.rpartition(":")[2]), NotedPacer()
-    local = LocalService(port, world.service.serve, yields=world.service.yields)
+    local = LocalService(port, yields=world.service.yields)
     proxy = VideoProxy(world.camera.url, local, pacer)
     world.url = f"http://127.0.0.1:{await proxy.start()}"
     viewer = await world.receive(yields=True)

@@ -30,10 +30,9 @@ from robotether_common.frames import (
     StreamRequest,
     VideoStatus,
 )
-from robotether_common.topics import websocket_header
 
 from robotether_server.problems import ProtocolError
-from robotether_server.relay.http.sockets import WHOLE_BINARY, WHOLE_TEXT
+from robotether_server.relay.http.sockets import WHOLE_BINARY, WHOLE_TEXT, websocket_header
 from robotether_server.relay.http.timing import WindowedMaximum
 
 CLOCK_SYNCS_KEPT_S = 30.0
