@@ -44,9 +44,6 @@ NOT_RUN = {
     "stops a robot of all tests, with a token: tests/unit/server/cli/test_robots.py": (
         r"robotether stop "
     ),
-    "takes away what a robot of all tests has: tests/unit/agent/test_cli.py": (
-        r"robotether-agent forget "
-    ),
     "needs a robot that waits for an admin: tests/ansible/test_join_line.py": (
         r"robotether robot approve "
     ),
