@@ -12,10 +12,10 @@ from itertools import pairwise
 from statistics import median
 from typing import NamedTuple
 
+from robotether_server.contract.recordings import NS_PER_S
 from robotether_server.lerobot.actions import KINDS
 from robotether_server.lerobot.recording import RecordedCommand, RecordedControl, RecordedState
 
-NS_PER_S = 1_000_000_000
 # Maximum age of what the driver saw, and of the state: beyond it the video was frozen, or the robot silent.
 MAX_AGE_S = 1.0
 # Time for which a command is in force; the guard stops the robot then.

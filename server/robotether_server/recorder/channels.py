@@ -14,14 +14,15 @@ from robotether_server.contract.recordings import (
     CDR_START,
     IMAGE_SUFFIX,
     NAMESPACE,
+    NS_PER_S,
     VIDEO_SUFFIX,
+    ros_time,
 )
 from robotether_server.recorder.cdr import COUNT, Encoder, encoder_of
 from robotether_server.recorder.mcap_file import RecordedChannel, RecordedMessage
 from robotether_server.recorder.ros_types import RosType, parse_definition
 
 STAMP = struct.Struct("<iI")
-NS_PER_S = 1_000_000_000
 # Maximum time of a stamp; a robot's clock may say anything.
 MAX_STAMP_NS = (2**31 - 1) * NS_PER_S
 
@@ -123,15 +124,9 @@ OWN_TOPICS: Mapping[str, OwnTopic] = {
 _LEFT_OUT = _own("left_out", "LeftOut", LEFT_OUT)
 
 
-def stamp_of(at_ns: int) -> Mapping[str, int]:
-    """Return a time as ROS has it."""
-    sec, nanosec = divmod(at_ns, NS_PER_S)
-    return {"sec": sec, "nanosec": nanosec}
-
-
 def left_out_note(message: RecordedMessage) -> RecordedMessage:
     """Return what a file says in place of the first message of a topic that finds no room."""
-    members = {"stamp": stamp_of(message.log_ns), "topic": message.channel.topic}
+    members = {"stamp": ros_time(message.log_ns), "topic": message.channel.topic}
     return message._replace(channel=_LEFT_OUT.channel, sequence=0, data=_LEFT_OUT.encode(members))
 
 

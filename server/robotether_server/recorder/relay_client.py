@@ -17,6 +17,7 @@ from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, WSMsgTy
 from msgspec import Struct
 from robotether_common.frames import HEADER, MAX_FRAME_BYTES
 
+from robotether_server.contract.recordings import NS_PER_S
 from robotether_server.db.fleet import RECORDER
 from robotether_server.db.recordings import RecordableRobot
 from robotether_server.problems import reason_in
@@ -136,7 +137,7 @@ class RelayChannel:
 
     def _note_lost(self) -> None:
         # An answer to a ping is no event, so one that said nothing was heard when the last ping was answered.
-        self._on_lost(max(self._heard_ns, time.time_ns() - int(SILENT_S * 1e9)))
+        self._on_lost(max(self._heard_ns, time.time_ns() - int(SILENT_S * NS_PER_S)))
 
     async def _read(self, socket: ClientWebSocketResponse) -> None:
         async for message in socket:

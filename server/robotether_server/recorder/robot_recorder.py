@@ -16,13 +16,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from robotether_server.contract.recordings import NS_PER_S, ros_time
 from robotether_server.db.recordings import MAX_TOPICS_LEFT_OUT, Progress, RecordableRobot
 from robotether_server.recorder.cdr import EncodingError
 from robotether_server.recorder.channels import (
     OWN_TOPICS,
     UNKNOWN_CONTROL,
     left_out_note,
-    stamp_of,
 )
 from robotether_server.recorder.mcap_file import McapFile, RecordedMessage
 from robotether_server.recorder.observer import RobotObserver
@@ -31,7 +31,6 @@ from robotether_server.tasks import end_tasks
 
 log = logging.getLogger(__name__)
 
-NS_PER_S = 1_000_000_000
 # Time before a stop that is recorded with it.
 BEFORE_STOP_S = 30.0
 # Maximum size of what waits for a stop in memory, of one robot and of all.
@@ -250,7 +249,7 @@ class RobotRecorder:
         """The relay is lost, or something of what it sent, after this time."""
         self.state.lose(time.monotonic())
         heard_ns = max(heard_ns, self._begun_ns)
-        self._write_own("control", {**UNKNOWN_CONTROL, "stamp": stamp_of(heard_ns)}, heard_ns)
+        self._write_own("control", {**UNKNOWN_CONTROL, "stamp": ros_time(heard_ns)}, heard_ns)
 
     def _write_own(self, topic: str, message: Mapping[str, Any], at_ns: int) -> None:
         own = OWN_TOPICS.get(topic)

@@ -14,6 +14,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from robotether_server.contract.recordings import NS_PER_S
 from robotether_server.db.fleet import RECORDER
 from robotether_server.db.recordings import (
     Progress,
@@ -26,7 +27,6 @@ from robotether_server.recorder.mcap_file import repair
 from robotether_server.recorder.relay_client import RelayChannel, RelayClient
 from robotether_server.recorder.robot_recorder import (
     BEFORE_STOP_S,
-    NS_PER_S,
     RobotRecorder,
     RobotState,
     path_of,

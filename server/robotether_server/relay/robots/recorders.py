@@ -11,18 +11,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from robotether_server.contract.recordings import ros_time
+
 log = logging.getLogger(__name__)
 
 RecordedTopic = Literal["commands", "round_trips", "seen_ages", "control"]
 # What became of a drive command.
 Outcome = Literal["sent", "too_old", "ahead", "replaced", "clock_unknown"]
-NS_PER_S = 1_000_000_000
 
 
 def stamped(members: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the message of an event of now."""
-    sec, nanosec = divmod(time.time_ns(), NS_PER_S)
-    return {"stamp": {"sec": sec, "nanosec": nanosec}, **members}
+    return {"stamp": ros_time(time.time_ns()), **members}
 
 
 @dataclass(eq=False)
