@@ -1,6 +1,6 @@
 """What the relay and a robot's guard agree on: the handshake, the stamp of a drive command, and the guard's settings.
 
-Each checks what the other sends by itself: the guard is the second check. Data only.
+Each checks what the other sends by itself: the guard is the second check.
 """
 
 from __future__ import annotations
@@ -43,3 +43,8 @@ REFUSED_KINDS: tuple[RefusedKind, ...] = get_args(RefusedKind)
 # session ended; fault: rosbridge, the agent or the guard did not answer; person: somebody stopped the robot.
 StopCause = Literal["silence", "lost", "fault", "person"]
 STOP_CAUSES: tuple[StopCause, ...] = get_args(StopCause)
+
+
+def count_values(message: bytes) -> int:
+    """Return about how many values a message in JSON has: reading it takes time by them, not by its bytes alone."""
+    return message.count(b",") + message.count(b"{") + message.count(b"[")

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal, NoReturn, cast
 
-from robotether_common.guard import MAX_NUMBER, STAMP, RefusedKind
+from robotether_common.guard import MAX_NUMBER, STAMP, RefusedKind, count_values
 from robotether_common.ros import (
     ACKERMANN,
     ACKERMANN_RATES,
@@ -46,8 +46,8 @@ PATTERN = re.compile(rf"[A-Za-z0-9_/*]{{1,{MAX_GLOB_LENGTH}}}")
 MAX_ID_LENGTH = 256
 # Maximum number of names of which it is cached whether they are drive topics; clients use few.
 KNOWN_NAMES = 256
-# Maximum number of values in a message, counted as the relay does; reading them delays the zeros by up
-# to 0.1 s, on a small computer by 0.4 s.
+# Maximum number of values in a message; reading them delays the zeros by up to 0.1 s, on a small
+# computer by 0.4 s.
 MAX_VALUES = 200_000
 
 ON_TOPICS = ("publish", "advertise", "unadvertise")
@@ -196,7 +196,7 @@ class _Parser:
 
 
 def _parse(data: bytes) -> Mapping[str, Any]:
-    if sum(map(data.count, (b",", b"{", b"["))) > MAX_VALUES:
+    if count_values(data) > MAX_VALUES:
         raise DriveMessageUnclearError(f"it has over {MAX_VALUES} values, the guard's limit")
     try:
         value = _parser.parse(data.decode())

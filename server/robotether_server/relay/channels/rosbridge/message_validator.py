@@ -21,7 +21,7 @@ from contextlib import suppress
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
-from robotether_common.guard import STAMP
+from robotether_common.guard import STAMP, count_values
 from robotether_common.ros import Globs
 
 from robotether_server.contract.ros import POLICY_REFUSES
@@ -311,8 +311,7 @@ def message_cost(data: bytes) -> int:
     """Return for how many small messages one counts, by the time that reading it takes."""
     if len(data) < KB:
         return 1
-    values = data.count(b",") + data.count(b"{") + data.count(b"[")
-    return 1 + len(data) // KB + values // VALUES_AS_ONE
+    return 1 + len(data) // KB + count_values(data) // VALUES_AS_ONE
 
 
 def _may_be_stop(data: bytes) -> bool:
