@@ -54,13 +54,13 @@ class EncoderPool:
         self.setting = setting
         self.command = command
         self.slots = asyncio.Semaphore(MAX_ENCODERS)
-        self.line_rate = line_rate
+        self._line_rate = line_rate
         self._on_change = on_change
         self._reports: dict[object, str] = {}
 
     def line_part(self) -> float | None:
         """Return the bits a second of a full line that are for one of the cameras; None while it is not full."""
-        rate = self.line_rate()
+        rate = self._line_rate()
         return None if rate is None else 8 * LINE_PART * rate / max(1, len(self._reports))
 
     def report(self, who: object, text: str) -> None:

@@ -174,10 +174,7 @@ class Steps:
         return changed
 
     def _up(self, now_s: float) -> bool:
-        is_over_line = now_s < self._line_known_until_s and not self._carries(
-            self._levels[self._at - 1]
-        )
-        if self._at == 0 or is_over_line:
+        if self._at == 0 or self._is_over_line(now_s, self._levels[self._at - 1]):
             self._good_since_s = now_s
             return False
         if now_s - self._down_at_s >= CALM_S:
@@ -187,6 +184,9 @@ class Steps:
         self._trial = None
         self._begin(now_s)
         return True
+
+    def _is_over_line(self, now_s: float, level: Level) -> bool:
+        return now_s < self._line_known_until_s and not self._carries(level)
 
     def _begin(self, now_s: float) -> None:
         self._late = self._few = self._full = 0
