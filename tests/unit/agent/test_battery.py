@@ -58,7 +58,7 @@ NONE = {"type": "vitals", "battery": None}
 
 
 async def test_changes_are_told_and_nothing_else(vitals_of, spawn):
-    """Without a session nothing is known: the rules for help go on, and it may be charged meanwhile."""
+    """The level is unknown without a session: the battery may be charged then, and the help rules keep running."""
     is_over, reported = asyncio.Event(), list[Mapping[str, Any]]()
     async with FakeRosbridge(TOPICS) as robot:
         vitals = vitals_of(robot.url, lambda _pause_s: is_over.wait())

@@ -51,7 +51,7 @@ def test_a_driver_records_a_robot_once(people, recorder_database):
 
 
 def test_a_robot_that_has_got_the_name_shows_no_recording_of_the_one_before(people, database):
-    """With the MAC: a page that goes by the name alone would stop the other's."""
+    """A page that lists by the name shows, and stops, the recording of another robot; the MAC prevents that."""
     recording = people["ann"].ask("POST", "/robots/sim1/recordings").json["id"]
     mac = people["ann"].get("/robots/sim1")["mac"]
     with database.transaction() as tx:

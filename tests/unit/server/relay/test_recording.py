@@ -228,7 +228,7 @@ async def test_a_recording_has_topics_frames_and_what_the_driver_did(
 async def test_a_relay_that_is_back_says_again_who_drives(
     *, recorder, relay, store, settings, monkeypatch
 ):
-    """Also after events that came too fast."""
+    """The relay repeats the state after a reconnection, and after it dropped events."""
     monkeypatch.setattr(channel, "MAX_WAITING", 1)
 
     def was_lost(times):

@@ -204,7 +204,7 @@ async def test_a_message_that_equals_one_of_before_comes_once(relay, sim1, monke
 
 
 async def test_each_new_subscription_has_all_static_frames_at_once(relay, sim1, monkeypatch):
-    """Each publisher has latched one; rosbridge for ROS 2 repeats only the last, and a question may wait."""
+    """Each publisher has latched a frame, of which rosbridge for ROS 2 repeats the last; requests may be delayed."""
     topics, name, got = relay.relay.shared_topics, "/arm/tf_static", []
     monkeypatch.setattr(topics, "_connector", AskedConnector())
     monkeypatch.setattr(TopicCopies, "on_message", lambda _client, *message: got.append(message))
