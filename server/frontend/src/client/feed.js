@@ -4,7 +4,7 @@
 
 import { backoff } from "./api.js";
 
-const SILENCE_MS = 25_000; // time limit for silence of the relay: over two of its comments
+const SILENCE_MS = 7000; // time limit for silence of the relay: over two of its comments
 
 export class Feed {
   // `onState("connecting"|"live"|"lost"|"login")`; the other handlers get what the events carry.

@@ -18,7 +18,8 @@ from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
 from robotether_server.relay.control.fleet_events import Event, FleetEvents, Subscriber
 
-COMMENT_EVERY_S = 10.0
+# Interval between comments on a quiet stream. Pages call one dead that is silent for 7 s.
+COMMENT_EVERY_S = 3.0
 SLOW_AFTER_S = 10.0
 HEADERS = {
     "Content-Type": "text/event-stream; charset=utf-8",
