@@ -166,6 +166,7 @@ class StoppedRobot(Struct, frozen=True):
     """The result for one robot; `confirmed`: its guard has the stop."""
 
     name: RobotName
+    mac: Mac
     stopped: bool
     confirmed: bool
 

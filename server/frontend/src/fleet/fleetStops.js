@@ -14,16 +14,15 @@ function managedSites(robots) {
 }
 
 // Those of a site, of all without one, that this user sees and does not manage. Pure.
-const unmanaged = (robots, site) =>
-  robots.filter((robot) => (!site || robot.site === site) && ["observe", "drive"].includes(robot.level)).map(({ name }) => name);
+const unmanaged = (robots, site) => robots.filter((robot) => (!site || robot.site === site) && ["observe", "drive"].includes(robot.level));
 
 // Whether the robot's guard has the stop: by the answer, or by what its control object has said since. Pure.
 const isConfirmed = ({ confirmed }, control) => (control?.stopped ? control.stopped.confirmed : confirmed);
 
-// What is said of each robot, by the same two. Pure.
-export function outcome(result, control) {
+// What is said of each robot, by the answer and what the events say of that robot now, whose name may be another. Pure.
+export function outcome(result, { name = result.name, control } = /** @type {any} */ ({})) {
   const stopped = Boolean(control?.stopped) || result.stopped;
-  return texts.stopResult({ name: result.name, stopped, confirmed: isConfirmed(result, control) });
+  return texts.stopResult({ name, stopped, confirmed: isConfirmed(result, control) });
 }
 
 // Its stop is over: what was said of it is no longer so. Pure.
@@ -38,7 +37,7 @@ export class FleetStops {
     this.manages = manages;
     this.bar = part(root, "stops");
     this.result = part(root, "stop-result");
-    this.controls = new Map(); // of robots, by name
+    this.byMac = new Map(); // robots
     this.robots = []; // with their levels
     this.results = [];
     this.unreached = []; // machines of the site, when the results came
@@ -46,7 +45,7 @@ export class FleetStops {
     this.round = 0;
   }
 
-  // `robots` are {name, site, level, control}.
+  // `robots` are {name, mac, site, level, control}.
   show(robots) {
     this.receive(robots);
     this.robots = robots;
@@ -56,10 +55,14 @@ export class FleetStops {
 
   // What became of a stop, without a change of the buttons, which would move under a finger.
   receive(robots) {
-    const { controls, results } = this;
-    this.controls = new Map(robots.map(({ name, control }) => [name, control]));
-    this.results = results.filter(({ name }) => !isReleased(controls.get(name), this.controls.get(name)));
+    const { byMac, results } = this;
+    this.byMac = new Map(robots.map((robot) => [robot.mac, robot]));
+    this.results = results.filter(({ mac }) => !isReleased(byMac.get(mac)?.control, this.controlOf(mac)));
     if (results.length) this.list();
+  }
+
+  controlOf(mac) {
+    return this.byMac.get(mac)?.control;
   }
 
   // New buttons only for other words: one that is replaced loses the keyboard focus.
@@ -95,15 +98,15 @@ export class FleetStops {
     const why = refusal(status, tries);
     /** @type {(facts: {detail: string, guard: string}) => string} */
     const words = stopTexts[why];
-    setText(this.result, words({ detail, guard: commonGuard([...this.controls.values()]) }));
+    setText(this.result, words({ detail, guard: commonGuard([...this.byMac.values()].map(({ control }) => control)) }));
     if (why === "unheard") this.timer = setTimeout(() => this.attempt(site, round, tries), AGAIN_MS);
   }
 
   list() {
-    const lines = this.results.map((robot) => outcome(robot, this.controls.get(robot.name)));
-    const others = unmanaged(this.robots, this.site).filter((name) => !this.controls.get(name)?.stopped).length;
+    const lines = this.results.map((result) => outcome(result, this.byMac.get(result.mac)));
+    const others = unmanaged(this.robots, this.site).filter(({ mac }) => !this.controlOf(mac)?.stopped).length;
     if (lines.length && others) lines.push(texts.stopOthers(others));
-    if (this.results.some((robot) => !isConfirmed(robot, this.controls.get(robot.name))))
+    if (this.results.some((result) => !isConfirmed(result, this.controlOf(result.mac))))
       lines.push(...this.unreached.map(texts.stopUnreached));
     if (lines.join("\n") === this.lines && this.result.querySelector("ul")) return;
     this.lines = lines.join("\n");

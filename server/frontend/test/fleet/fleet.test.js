@@ -148,17 +148,17 @@ describe("stops", () => {
   test("what became of a stop follows the robot's own news", () => {
     const answer = { name: "sim1", stopped: true, confirmed: false };
     assert.match(outcome(answer, undefined), /not confirmed/);
-    assert.match(outcome(answer, { stopped: { confirmed: false } }), /not confirmed/);
-    assert.equal(outcome(answer, { stopped: { confirmed: true } }), "sim1: stopped");
-    assert.match(outcome({ ...answer, stopped: false }, { stopped: null }), /not stopped/);
+    assert.match(outcome(answer, { control: { stopped: { confirmed: false } } }), /not confirmed/);
+    assert.equal(outcome(answer, { control: { stopped: { confirmed: true } } }), "sim1: stopped");
+    assert.match(outcome({ ...answer, stopped: false }, { control: { stopped: null } }), /not stopped/);
   });
 
   globalThis.document = { createElement: () => new FakeElement(), querySelector: () => ({ content: "" }) };
 
   test("a robot that was released is no longer among those that a stop has stopped", () => {
     const { root, stops } = open();
-    const robot = (name, stopped) => ({ name, control: { stopped } });
-    stops.results = ["sim1", "sim2"].map((name) => ({ name, stopped: true, confirmed: false }));
+    const robot = (name, stopped) => ({ name, mac: `mac of ${name}`, control: { stopped } });
+    stops.results = ["sim1", "sim2"].map((name) => ({ name, mac: `mac of ${name}`, stopped: true, confirmed: false }));
     const names = () => stops.results.map(({ name }) => name);
     stops.receive([robot("sim1", null), robot("sim2", { confirmed: true })]);
     assert.deepEqual(names(), ["sim1", "sim2"]); // the news of a stop may come after its answer
@@ -168,13 +168,28 @@ describe("stops", () => {
     assert.deepEqual([names(), part(root, "stop-result").children], [[], []]);
   });
 
+  test("what became of a stop follows the robot, not its name, which another robot may get", () => {
+    const { root, stops } = open();
+    const robot = (name, mac, confirmed) => ({ name, mac, control: { stopped: { confirmed } } });
+    stops.receive([robot("sim1", "mac 1", false), robot("sim2", "mac 2", true)]);
+    stops.results = [{ name: "sim1", mac: "mac 1", stopped: true, confirmed: false }];
+    stops.receive([robot("sim2", "mac 1", false), robot("sim1", "mac 2", true)]);
+    const [line] = part(root, "stop-result").children[0].children.map(({ children }) => children[0]);
+    assert.match(line, /^sim2: .*not confirmed/);
+  });
+
   test("who manages some of the robots reads that the others were left out", () => {
     const { root, stops } = open();
-    const robot = (name, level, site, stopped = null) => ({ name, level, site, control: { stopped } });
+    const robot = (name, level, site, stopped = null) => ({ name, mac: name, level, site, control: { stopped } });
     const words = () => part(root, "stops").children.map(({ children }) => children[0]);
     const lines = (site) => {
       stops.site = site;
-      stops.settle({ ok: true, body: { robots: [{ name: "sim1", stopped: true, confirmed: true }], cells_unreached: [] } }, site, 1, 1);
+      stops.settle(
+        { ok: true, body: { robots: [{ name: "sim1", mac: "sim1", stopped: true, confirmed: true }], cells_unreached: [] } },
+        site,
+        1,
+        1,
+      );
       return part(root, "stop-result").children[0].children.map(({ children }) => children[0]);
     };
     stops.show([robot("sim1", "manage", "lab"), robot("new", "", "lab")]);
@@ -188,9 +203,9 @@ describe("stops", () => {
 
   test("a machine that the stop has not reached is named, until all robots have confirmed theirs", () => {
     const { root, stops } = open();
-    const robot = (confirmed) => ({ name: "sim1", level: "manage", control: { stopped: { confirmed } } });
+    const robot = (confirmed) => ({ name: "sim1", mac: "sim1", level: "manage", control: { stopped: { confirmed } } });
     const lines = () => part(root, "stop-result").children[0].children.map(({ children }) => children[0]);
-    const robots = [{ name: "sim1", stopped: true, confirmed: false }];
+    const robots = [{ name: "sim1", mac: "sim1", stopped: true, confirmed: false }];
     stops.show([robot(false)]);
     stops.settle({ ok: true, body: { robots, cells_unreached: ["east"] } }, undefined, 1, 1);
     assert.match(lines()[1], /does not reach east/);

@@ -152,7 +152,7 @@ class ControlApi:
             *(elsewhere(robot.id) or stops.confirmation(robot.id) for robot in robots)
         )
         results = [
-            StoppedRobot(robot.name, stops.of(robot.id) is not None, is_confirmed)
+            StoppedRobot(robot.name, robot.mac, stops.of(robot.id) is not None, is_confirmed)
             for robot, is_confirmed in zip(robots, confirmed, strict=True)
         ]
         return answer_json(StoppedRobotList(results, self.unreached()))

@@ -93,7 +93,7 @@ async def test_stopping_all_stops_those_of_other_cells(
     )
     async with http.post(f"{cell_a.server.url}/api/v1/stop", headers=headers) as answer:
         assert await answer.json() == {
-            "robots": [{"name": "sim1", "stopped": True, "confirmed": True}],
+            "robots": [{"name": "sim1", "mac": sim1.mac, "stopped": True, "confirmed": True}],
             "cells_unreached": [],
         }
     assert at_b.session.stopped_by == "ann"
@@ -102,7 +102,7 @@ async def test_stopping_all_stops_those_of_other_cells(
         await until(lambda: cell_b.relay.peers.count() == 0, "b does not follow a")
         async with http.post(f"{cell_a.server.url}/api/v1/stop", headers=headers) as answer:
             assert await answer.json() == {
-                "robots": [{"name": "sim1", "stopped": True, "confirmed": False}],
+                "robots": [{"name": "sim1", "mac": sim1.mac, "stopped": True, "confirmed": False}],
                 "cells_unreached": ["b"],
             }
         # Though its own cell does not show it yet.

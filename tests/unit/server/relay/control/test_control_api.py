@@ -45,7 +45,7 @@ async def test_a_manager_stops_what_it_manages(relay, guarded, sim1, memory_data
     assert relay.relay.control.stops.count() == 0
     status, body = await ask("POST", "/api/v1/stop", "carl")
     assert status == 200
-    robots = [{"name": "sim1", "stopped": True, "confirmed": True}]
+    robots = [{"name": "sim1", "mac": sim1.mac, "stopped": True, "confirmed": True}]
     assert body == {"robots": robots, "cells_unreached": []}
     assert relay.relay.control.stops.of(8) is None
 
