@@ -114,8 +114,8 @@ export async function readRefusal(answer) {
 }
 
 function withQuery(path, query) {
-  const given = Object.entries(query).filter(([, value]) => value !== undefined);
-  return given.length ? `${path}?${new URLSearchParams(given)}` : path;
+  const words = defined(query);
+  return words.length ? `${path}?${new URLSearchParams(words)}` : path;
 }
 
 const waitFor = (seconds = 5) => ({ timeoutMs: TIMEOUT_MS + seconds * 1000 });
@@ -153,8 +153,10 @@ export async function ticketBy(getTicket, wish) {
 
 // Where a robot's WebSockets and streams are (docs/reference/protocols.md, docs/reference/media.md). Pure.
 
+const defined = (query) => Object.entries(query).filter(([, value]) => value !== undefined);
+
 // A query with its slashes as they are: web_video_server takes what stands there for the topic and undoes no escapes.
-const plainQuery = (words) => new URLSearchParams(words).toString().replaceAll("%2F", "/");
+const plainQuery = (query) => new URLSearchParams(defined(query)).toString().replaceAll("%2F", "/");
 
 // `server` is https://HOST[:PORT]; `ticket` may be missing where a login does.
 export const rosUrl = (server, robot, ticket) => address(server, of(robot, "ros"), { ticket }, true);
@@ -174,7 +176,7 @@ const of = (robot, path) => `robots/${encodeURIComponent(robot)}/${path}`;
 
 function address(server, path, query, socket = false) {
   const url = new URL(`/${path}`, server);
-  url.search = plainQuery(Object.entries(query).filter(([, value]) => value !== undefined));
+  url.search = plainQuery(query);
   if (socket) url.protocol = url.protocol.replace("http", "ws");
   return url.href;
 }

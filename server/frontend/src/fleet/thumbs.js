@@ -18,10 +18,10 @@ export class Thumbs {
     document.addEventListener("visibilitychange", () => this.turn());
   }
 
-  add(element, robot) {
+  add(element, robot, mac) {
     const box = part(element, "thumb");
     if (!box) return;
-    this.byElement.set(box, new Thumb(box, { robot, card: element, queue: this.queue }));
+    this.byElement.set(box, new Thumb(box, { robot, mac, card: element, queue: this.queue }));
     this.watcher.observe(box);
   }
 
@@ -45,9 +45,11 @@ export class Thumbs {
 }
 
 export class Thumb {
-  constructor(box, { robot, card, queue }) {
+  // `mac`: of the robot meant, as another one may have its name by now.
+  constructor(box, { robot, mac, card, queue }) {
     this.box = box;
     this.robot = robot;
+    this.mac = mac;
     this.card = card;
     this.queue = queue;
     this.image = part(box, "thumb-image");
@@ -66,7 +68,8 @@ export class Thumb {
     }
     if (this.image.hidden) this.showState("waiting");
     const cancel = this.queue.add(async (signal) => {
-      const snapshot = await fetchSnapshot(this.robot, this.card.dataset.camera ?? "", signal).catch(() => ({ problem: "failed" }));
+      const words = { topic: this.card.dataset.camera || undefined, mac: this.mac };
+      const snapshot = await fetchSnapshot(this.robot, words, signal).catch(() => ({ problem: "failed" }));
       if (this.cancel !== cancel) return;
       this.cancel = null;
       this.show(snapshot);
@@ -160,11 +163,11 @@ export class Queue {
   }
 }
 
-// Gives {blob} or {problem, detail}: a problem of texts/fleet.js, and what the robot says of it. With `topic` "" the robot's
-// first camera is shown, which its agent chooses.
+// Gives {blob} or {problem, detail}: a problem of texts/fleet.js, and what the robot says of it. Without `topic` among `words` the
+// robot's first camera is shown, which its agent chooses.
 /** @returns {Promise<any>} */
-export async function fetchSnapshot(robot, topic, signal) {
-  const answer = await fetch(snapshotUrl(robot, topic ? { topic, ...SIZE } : SIZE), { signal, cache: "no-store" });
+export async function fetchSnapshot(robot, words, signal) {
+  const answer = await fetch(snapshotUrl(robot, { ...words, ...SIZE }), { signal, cache: "no-store" });
   if (answer.ok) return { blob: jpegBlob(new Uint8Array(await answer.arrayBuffer())) };
   const { code, detail } = await readRefusal(answer);
   return { problem: PROBLEMS[code] ?? "failed", detail };

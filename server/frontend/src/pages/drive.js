@@ -75,6 +75,7 @@ const readings = new Readings(root, { frameAge: () => interlock.ageMs, limits, o
 const seenAge = new SeenAge(root);
 const view = new View(root, {
   robot,
+  mac,
   choices: new Choices(`sight.${mac}`), // another robot may get the name
   settings,
   driveTopic,

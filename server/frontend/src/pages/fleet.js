@@ -56,8 +56,9 @@ function prepare(element, name) {
   element.dataset.camera ||= camera;
   element.dataset.level ||= level;
   stopOf(name).join(element);
-  thumbs.add(element, name);
-  offerDrive(element, robots.get(name)?.mac);
+  const mac = robots.get(name)?.mac;
+  thumbs.add(element, name, mac);
+  offerDrive(element, mac);
 }
 
 function stopOf(name) {

@@ -37,8 +37,9 @@ const list = new RobotList({
     fillTile(tile, robot, { request: byRobot.get(robot.mac), key: keys.get(robot.name), mayDrive: mayDrive(robot.name) }),
   onNew: (tile, name) => {
     tile.dataset.camera = facts[name]?.camera ?? "";
-    thumbs.add(tile, name);
-    if (mayDrive(name)) offerDrive(tile, robots.get(name).mac);
+    const { mac } = robots.get(name);
+    thumbs.add(tile, name, mac);
+    if (mayDrive(name)) offerDrive(tile, mac);
   },
 });
 const showSoon = throttled(show, SHOW_EVERY_MS);

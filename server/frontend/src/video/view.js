@@ -26,9 +26,10 @@ export class View {
   // `choices` as of page.js, of this robot's view; `driveTopic` and `oldMs` as of settings.js;
   // `openFrames(topic, {request, onFrame, onStatus})` gives a stream as of client/frames.js; `subscribe` as of connection.js;
   // `onMain({offered, at})` reports the main frame as of VideoInterlock, ten times a second and at each frame.
-  constructor(root, { robot, choices, settings, driveTopic, oldMs, openFrames, subscribe, onMain, now = () => performance.now() }) {
+  constructor(root, { robot, mac, choices, settings, driveTopic, oldMs, openFrames, subscribe, onMain, now = () => performance.now() }) {
     this.root = root;
     this.robot = robot;
+    this.mac = mac;
     this.now = now;
     this.page = settings.page ?? {};
     this.choice = new TopicChoice({ named: (kind) => this.page[`${kind}_topic`], driveTopic });
@@ -299,7 +300,7 @@ export class View {
   async saveSnapshot() {
     const camera = this.cameras.find(({ topic }) => topic === this.layout.main);
     if (!camera) return;
-    this.note(await saveSnapshot(this.robot, camera));
+    this.note(await saveSnapshot(this.robot, this.mac, camera));
   }
 
   note(text) {
@@ -381,8 +382,8 @@ function snapshotName(robot, camera, time) {
 }
 
 // Gives the words for how it went.
-async function saveSnapshot(robot, { topic, name }) {
-  const answer = await fetch(snapshotUrl(robot, { topic, quality: FULL_QUALITY }), { cache: "no-store" }).catch(() => null);
+async function saveSnapshot(robot, mac, { topic, name }) {
+  const answer = await fetch(snapshotUrl(robot, { topic, quality: FULL_QUALITY, mac }), { cache: "no-store" }).catch(() => null);
   const isImage = answer?.ok && answer.headers.get("Content-Type")?.startsWith("image/");
   const image = isImage && (await answer.blob().catch(() => null));
   if (!image) return refusalWords(answer);

@@ -71,7 +71,7 @@ function serverThat({ status = 200, type = "application/json", body = "" }) {
     asked.push(url);
     return new Response(body, { status, headers: { "Content-Type": type } });
   });
-  return { asked, fetchImage: (topic) => fetchSnapshot("sim 1", topic, new AbortController().signal) };
+  return { asked, fetchImage: (topic) => fetchSnapshot("sim 1", { topic, mac: "00:1b:44:11:3a:b7" }, new AbortController().signal) };
 }
 
 test("why there is no picture is told apart, in the words of who knows it", async () => {
@@ -80,5 +80,7 @@ test("why there is no picture is told apart, in the words of who knows it", asyn
   assert.deepEqual(await refused("video_down", "it hangs"), { problem: "video_down", detail: "it hangs" });
   assert.deepEqual(await refused("no_frames", "no frames"), { problem: "failed", detail: "no frames" });
   const depth = serverThat({ status: 503, type: "text/plain; charset=utf-8", body: "it has the encoding 16UC1\n" });
-  assert.deepEqual(await depth.fetchImage(""), { problem: "failed", detail: "it has the encoding 16UC1" });
+  assert.deepEqual(await depth.fetchImage(undefined), { problem: "failed", detail: "it has the encoding 16UC1" });
+  const { searchParams } = new URL(depth.asked[0], "https://server"); // another robot may have the name
+  assert.deepEqual([searchParams.get("topic"), searchParams.get("mac")], [null, "00:1b:44:11:3a:b7"]);
 });
