@@ -167,9 +167,10 @@ def admit(tx: Transaction, who: Who, robot: str, *, renew: bool = True) -> Calle
     user = _metrics_user(tx, request) if who == "metrics" else api_user(tx, request, renew=renew)
     if who in OF_ADMINS:
         check_admin(user)
+    mac = request.args.get("mac")
     if who == "manager":
-        seen_robots.require(tx, user, robot, "manage")
-    if robot and (mac := request.args.get("mac")) is not None:
+        seen_robots.require(tx, user, robot, "manage", mac=mac)
+    elif robot and mac is not None:
         seen_robots.require(tx, user, robot, "observe", "open", mac=mac)
     return Caller(tx, user, _source_of(user))
 
