@@ -58,9 +58,7 @@ REPEATED_WITHIN_S = 2.0
 # Maximum number of pongs that wait behind messages; beyond it the oldest are dropped, which only makes ages greater.
 MAX_PONGS = 64
 # What a subscription may hold.
-MEMBERS = frozenset(
-    ("op", "topic", "type", "throttle_rate", "queue_length", "fragment_size", "compression", "qos")
-)
+MEMBERS = frozenset(("op", "topic", "type", "throttle_rate", "queue_length", "compression", "qos"))
 
 
 class TopicsService:

@@ -58,6 +58,7 @@ MANAGING = [
     {"op": "cancel_action_goal", "id": "g", "action": "/go"},
     {"op": "advertise_service", "service": "/mine", "type": "std_srvs/Empty"},
     {"op": "service_response", "id": "s", "service": "/mine", "values": {"a": []}, "result": True},
+    {"op": "service_response", "id": "s", "service": "/mine", "values": "Error: why", "result": False},
     {"op": "unadvertise_service", "service": "/mine"},
     {"op": "advertise_action", "action": "/act", "type": "a/Act"},
     {"op": "action_feedback", "id": "f", "action": "/act", "values": {"p": 1}},

@@ -211,6 +211,11 @@ def payload(value: Any) -> dict[str, Any] | list[Any]:
     return value
 
 
+def answer(value: Any) -> dict[str, Any] | list[Any] | str:
+    """Pass what a service answers, or in its place why it failed, as roslibjs has it."""
+    return text(value) if isinstance(value, str) else payload(value)
+
+
 def timestamp(value: Any) -> float:
     """Pass a time in ms."""
     low, high = WHOLE_53_BIT
@@ -374,7 +379,7 @@ _SERVICE: Mapping[str, Check] = {
     "id": identity,
     "service": ros_name,
     "type": text,
-    "values": payload,
+    "values": answer,
     "result": flag,
 }
 _ACTION: Mapping[str, Check] = {
