@@ -255,7 +255,7 @@ class Relay:
         routes = [
             *channel_routes(self._context, self._session_context, self.fleet_events),
             *control_api.routes(),
-            web.get(live_routes.PATH, self._live_routes.show, allow_head=False),
+            web.get(live_routes.PATH, self._live_routes.show),
             web.get(apps.PATH, self.apps.handle, allow_head=False),
         ]
         forwarding = Forwarding(self.peers, self.fleet.state, self.access, self.forwarded_observers)

@@ -61,8 +61,8 @@ class ControlApi:
     def routes(self) -> list[web.RouteDef]:
         """Return the paths of the contract that are answered here."""
         return [
-            web.get("/api/v1/robots/{name}/control", self.show, allow_head=False),
-            web.get("/api/v1/robots/{name}/uplink", self.show_uplink, allow_head=False),
+            web.get("/api/v1/robots/{name}/control", self.show),
+            web.get("/api/v1/robots/{name}/uplink", self.show_uplink),
             web.post("/api/v1/robots/{name}/stop", self.stop),
             web.post("/api/v1/robots/{name}/release", self.release),
             web.post("/api/v1/robots/{name}/lease", self.lease),

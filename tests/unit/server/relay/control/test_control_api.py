@@ -84,6 +84,12 @@ async def test_nothing_else_goes_to_a_robot_that_has_got_the_name(
         assert (await ask(method, f"{path}?mac={mac}", "ann", *body))[1]["code"] == code
 
 
+async def test_head_is_answered_as_get(relay, sim1, http, people):
+    for path in (f"{SIM1}/control", "/api/v1/routes/live"):
+        async with http.head(relay.url + path, headers=people["ann"]) as answer:
+            assert (answer.status, await answer.read()) == (200, b"")
+
+
 async def test_bad_bodies_are_named(relay, sim1, ask):
     relay.relay.control.stops.stop(sim1, "ben")
     for path, body, status in (
