@@ -77,6 +77,7 @@ RECORDING_ENDS: Mapping[str, str] = {
     "relay_away": "the recorder lost the relay",
     "recorder_stopped": "the recorder stopped",
     "recorder_restarted": "the recorder was killed",
+    "cell_removed": "server machine lost",
 }
 SESSION_ENDS: Mapping[str, SessionEnd] = {
     "superseded": SessionEnd("a newer session took over", _MOVING),

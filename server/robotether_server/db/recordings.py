@@ -71,7 +71,8 @@ class Recording:
 class RecordingRow:
     """A recording as the recorder needs it. `may_go_on`: who asked may still drive the robot.
 
-    `is_late`: it was to begin by now. `progress_at`: when its recorder last wrote of it.
+    `is_late`: it was to begin by now. `progress_at`: when its recorder last wrote of it. `asked_s`: time since somebody
+    asked for it, or for the first that it continues. `is_cell_removed`: it was ended for a recorder that was lost.
     """
 
     id: int
@@ -85,8 +86,9 @@ class RecordingRow:
     started_at: dt.datetime | None
     ended_at: dt.datetime | None
     progress_at: dt.datetime | None
+    asked_s: int
     may_go_on: bool
-    cell: str | None
+    is_cell_removed: bool
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,6 @@ class Progress:
     topics_left_out: Sequence[str] | None = ()
 
 
-MAX_DRIVERS_LENGTH = 255
 # Maximum number of topics that a recording names as left out.
 MAX_TOPICS_LEFT_OUT = 50
 _IS_NEW = is_current("asked_at", BEGIN_WITHIN_S)
@@ -222,8 +223,7 @@ def find_later(tx: Transaction, recording_id: int) -> int | None:
     """Return the recording that goes on in place of one whose robot moved."""
     row = tx.row(
         "SELECT later.id FROM recordings r JOIN recordings later ON later.robot_id = r.robot_id"
-        " AND later.cause = 'asked' AND later.asked_by_id = r.asked_by_id AND later.id > r.id"
-        " WHERE r.id = %s AND r.cause = 'asked' AND r.end_code = 'robot_moved'"
+        " AND later.first_asked_at = COALESCE(r.first_asked_at, r.asked_at) AND later.id > r.id WHERE r.id = %s"
         " AND later.delete_requested_at IS NULL AND later.deleted_at IS NULL ORDER BY later.id LIMIT 1",
         (recording_id,),
     )
@@ -263,17 +263,18 @@ def read_open(tx: Transaction, cell: str) -> list[RecordingRow]:
     """Read what the recorder of a cell has to do with: what is asked for, lasts, or is to be deleted."""
     rows = tx.rows(
         f"SELECT r.id, r.robot_id, r.robot, r.cause, r.asked_by, NOT {_IS_NEW} AS is_late,"  # noqa: S608 - as above
-        " r.started_at, r.ended_at, r.progress_at, r.cell, r.stop_requested_at IS NOT NULL AS is_stop_requested,"
-        " r.delete_requested_at IS NOT NULL AS is_delete_requested,"
+        " r.started_at, r.ended_at, r.progress_at, r.stop_requested_at IS NOT NULL AS is_stop_requested,"
+        " r.delete_requested_at IS NOT NULL AS is_delete_requested, r.end_code <=> 'cell_removed' AS is_cell_removed,"
+        " TIMESTAMPDIFF(SECOND, COALESCE(r.first_asked_at, r.asked_at), CURRENT_TIMESTAMP(6)) AS asked_s,"
         " r.ended_at IS NOT NULL OR r.cause <> 'asked' OR EXISTS"
         " (SELECT 1 FROM relay_grants g JOIN recorder_robots b ON b.id = g.robot_id"
         " WHERE g.user_id = r.asked_by_id AND g.robot_id = r.robot_id AND g.level IN ('drive', 'manage'))"
         " AS may_go_on"
         " FROM recordings r WHERE r.deleted_at IS NULL AND (r.cell = %s OR r.cell IS NULL)"
-        " AND (r.ended_at IS NULL OR r.delete_requested_at IS NOT NULL) ORDER BY r.id",
+        " AND (r.ended_at IS NULL OR r.end_code = 'cell_removed' OR r.delete_requested_at IS NOT NULL) ORDER BY r.id",
         (cell,),
     )
-    flags = ("is_late", "is_stop_requested", "is_delete_requested", "may_go_on")
+    flags = ("is_late", "is_stop_requested", "is_delete_requested", "may_go_on", "is_cell_removed")
     return [RecordingRow(**row | {flag: bool(row[flag]) for flag in flags}) for row in rows]
 
 
@@ -318,7 +319,8 @@ def write_progress(tx: Transaction, recording_id: int, progress: Progress) -> No
             progress.bytes,
             progress.messages,
             progress.messages_left_out,
-            None if progress.drivers is None else _drivers(progress.drivers),
+            # No name has a space.
+            None if progress.drivers is None else " ".join(progress.drivers),
             None if progress.topics_left_out is None else json.dumps(progress.topics_left_out),
             recording_id,
         ),
@@ -344,8 +346,9 @@ def end(
 def ask_again(tx: Transaction, recording_id: int) -> None:
     """Ask all cells' recorders for what somebody asked for, whose robot this cell has no longer."""
     tx.change(
-        "INSERT INTO recordings (robot_id, robot, cause, asked_by_id, asked_by)"
-        " SELECT robot_id, robot, cause, asked_by_id, asked_by FROM recordings WHERE id = %s"
+        "INSERT INTO recordings (robot_id, robot, cause, asked_by_id, asked_by, first_asked_at)"
+        " SELECT robot_id, robot, cause, asked_by_id, asked_by, COALESCE(first_asked_at, asked_at)"
+        " FROM recordings WHERE id = %s"
         " AND cause = 'asked' AND stop_requested_at IS NULL AND delete_requested_at IS NULL",
         (recording_id,),
     )
@@ -359,9 +362,10 @@ def note_deleted(tx: Transaction, recording_id: int) -> None:
 
 
 def read_older(tx: Transaction, cell: str, before: dt.datetime) -> list[int]:
-    """Read which recordings of a cell ended before a time."""
+    """Read which recordings of a cell, or of one that was removed, ended before a time."""
     rows = tx.rows(
-        "SELECT id FROM recordings WHERE cell = %s AND ended_at < %s AND deleted_at IS NULL ORDER BY id",
+        "SELECT id FROM recordings WHERE (cell = %s OR cell NOT IN (SELECT name FROM cells))"
+        " AND ended_at < %s AND deleted_at IS NULL ORDER BY id",
         (cell, before),
     )
     return [row["id"] for row in rows]
@@ -390,14 +394,3 @@ def read_present(tx: Transaction, cell: str, recording_ids: Collection[int]) -> 
 def _cameras(text: str | None) -> tuple[str, ...]:
     topics = json.loads(text) if text else []
     return tuple(topic for topic in topics if isinstance(topic, str))
-
-
-def _drivers(names: Sequence[str]) -> str:
-    """Return the names with spaces between, which no name has; those that find room."""
-    text = ""
-    for name in dict.fromkeys(names):
-        longer = f"{text} {name}".strip()
-        if len(longer) > MAX_DRIVERS_LENGTH:
-            break
-        text = longer
-    return text

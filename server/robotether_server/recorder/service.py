@@ -173,7 +173,7 @@ class RecorderService:
             self._check_open(row)
         elif row.is_delete_requested and (row.started_at is None or row.ended_at is not None):
             await self._delete(row.id)
-        elif row.started_at is not None and row.ended_at is None:
+        elif row.is_cell_removed or (row.started_at is not None and row.ended_at is None):
             if row.id not in self._ended:
                 self._ended.add(row.id)
                 task = asyncio.create_task(self._end_former(row))
@@ -196,7 +196,8 @@ class RecorderService:
             await self.channel.follow(robot.id, writes=recorder.is_collecting)
             is_here = recorder.state.online and recorder.state.is_heard
             if is_here and await self._store.begin(row, robot):
-                self._begin(row.id, recorder, "asked", row.asked_by or RECORDER.name)
+                actor = row.asked_by or RECORDER.name
+                self._begin(row.id, recorder, "asked", actor, asked_s=row.asked_s)
             return
         self._note_end(row.id, row.robot, row.asked_by, code or "robot_gone")
 
@@ -272,15 +273,23 @@ class RecorderService:
         return None if at is not None and now - at <= AFTER_STOP_S else "complete"
 
     def _begin(
-        self, number: int, recorder: RobotRecorder, cause: RecordingCause, actor: str
+        self,
+        number: int,
+        recorder: RobotRecorder,
+        cause: RecordingCause,
+        actor: str,
+        *,
+        asked_s: int = 0,
     ) -> None:
         try:
-            recorder.begin(number, with_recent=cause == "on_stop")
+            recording = recorder.begin(number, with_recent=cause == "on_stop")
         except OSError as exc:
             log.warning("recording %d: cannot begin its file: %s", number, exc)
             self._paused_until = time.monotonic() + PAUSE_S
             self._note_end(number, recorder.robot.name, actor, "disk_full")
             return
+        # A move to another cell does not make it longer.
+        recording.began_at -= max(asked_s, 0)
         log.info("recording %d of robot %s begins", number, recorder.robot.name)
         self._open[number] = recorder, cause, actor
 

@@ -77,9 +77,9 @@ EXPECTED = {
     "recorder": {
         "recorder_robots": "SELECT",
         "relay_grants": "SELECT",
-        "recordings": "SELECT, INSERT (asked_by, asked_by_id, cause, cell, progress_at, robot, robot_id, "
-        "started_at), UPDATE (bytes, cell, deleted_at, drivers, end_code, ended_at, messages, messages_left_out, "
-        "progress_at, started_at, topics_left_out)",
+        "recordings": "SELECT, INSERT (asked_by, asked_by_id, cause, cell, first_asked_at, progress_at, "
+        "robot, robot_id, started_at), UPDATE (bytes, cell, deleted_at, drivers, end_code, ended_at, messages, "
+        "messages_left_out, progress_at, started_at, topics_left_out)",
         "audit_events": f"INSERT {LINE}",
         "cells": "SELECT (name), UPDATE (recordings_counted_at, recordings_free)",
     },

@@ -23,6 +23,7 @@ from web_visitor import HASH
 
 STAMP = {"stamp": {"sec": 1, "nanosec": 2}}
 HERE = {**UNKNOWN_CONTROL, **STAMP, "online": True, "driver": "ann", "fence": 3}
+DRIVERS = [f"driver{number}-{'x' * 50}" for number in range(8)]
 AWAY = {**UNKNOWN_CONTROL, **STAMP, "fence": 0}
 
 
@@ -83,7 +84,10 @@ def cells(tmp_path, recorder_database, robot_id):
     return [RecorderOfCell(cell, tmp_path, recorder_database, robot_id) for cell in ("a", "b")]
 
 
-async def test_an_asked_recording_goes_on_where_the_robot_goes(cells, database, robot_id):
+async def test_an_asked_recording_goes_on_where_the_robot_goes(
+    cells, database, robot_id, admin_database
+):
+    """It ends after the time that one may last in all, at whichever machines."""
     here, there = cells
     number = ask(database, robot_id)
     await there.report(AWAY)
@@ -97,9 +101,20 @@ async def test_an_asked_recording_goes_on_where_the_robot_goes(cells, database, 
     with database.transaction() as tx:
         # By the number of before.
         assert recording_service.stop(tx, users.get(tx, "ann"), number).id == number + 1
+    with admin_database.transaction() as tx:
+        tx.change(
+            "UPDATE recordings SET first_asked_at = asked_at - INTERVAL 3 HOUR, stop_requested_at = NULL"
+            " WHERE id > %s",
+            (number,),
+        )
     there.service.on_event(robot_id, "control", {**AWAY, "elsewhere": True})
     await there.service.step()
-    assert [row[3] for row in rows(database)] == ["robot_moved", "robot_moved"]
+    assert [row[3] for row in rows(database)] == ["robot_moved", "robot_moved", None]
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE recordings SET first_asked_at = first_asked_at - INTERVAL 1 HOUR")
+    await here.report(HERE)
+    await here.service.step()
+    assert rows(database)[2] == ("asked", "ann", "a", "too_long")
 
 
 async def test_a_robot_that_moved_is_not_recorded_here_by_its_settings(
@@ -141,15 +156,19 @@ async def test_nothing_begins_on_what_a_lost_relay_last_said(
     assert rows(database) == [("always", None, "a", "relay_away"), ("asked", "ann", None, None)]
 
 
+@pytest.mark.parametrize("is_removed", [False, True])
 @pytest.mark.parametrize(("chunks", "lasted_s"), [(1, 3600), (0, 1800)])
 async def test_of_a_killed_recorder_nothing_is_made_up(
-    *, cells, recorder_database, database, robot_id, admin_database, chunks, lasted_s
+    *, cells, recorder_database, database, robot_id, admin_database, chunks, lasted_s, is_removed
 ):
-    """Neither that nobody drove, nor that it went on until somebody started the recorder again."""
+    """Neither that nobody drove, nor that it went on until somebody started the recorder again.
+
+    Also of one whose machine was removed, and is back.
+    """
     number, store = ask(database, robot_id), RecorderStore(recorder_database, "a")
     [row], [robot] = await store.read()
     assert await store.begin(row, robot)
-    await store.write_progress({number: Progress(1, 1, ("ann",))})
+    await store.write_progress({number: Progress(1, 1, DRIVERS)})
     file = McapFile(path_of(cells[0].folder, number))
     for _ in range(chunks):
         file.add(own_message("control", HERE, 0)._replace(log_ns=time.time_ns()))
@@ -160,11 +179,13 @@ async def test_of_a_killed_recorder_nothing_is_made_up(
             "UPDATE recordings SET started_at = CURRENT_TIMESTAMP(6) - INTERVAL 1 HOUR,"
             " progress_at = CURRENT_TIMESTAMP(6) - INTERVAL 30 MINUTE"
         )
+        if is_removed:
+            tx.change("CALL remove_cell('a')")
     again = cells[0].service
     await again.step()
     await asyncio.gather(*again.repairs)
     await again.step()
     with database.transaction() as tx:
         ended = recordings.get(tx, users.get(tx, "ann"), "drive", number)
-    assert (ended.end_code, ended.drivers) == ("recorder_restarted", ["ann"])
+    assert (ended.end_code, ended.drivers) == ("recorder_restarted", DRIVERS)
     assert ended.lasted_s == pytest.approx(lasted_s, abs=30)

@@ -48,7 +48,7 @@ class MemoryStore:
 
     def ask(self, number=1):
         self.rows[number] = RecordingRow(
-            number, 7, "sim1", "asked", "ann", False, False, False, None, None, None, True, None
+            number, 7, "sim1", "asked", "ann", False, False, False, None, None, None, 0, True, False
         )
 
     def change(self, number, **members):
@@ -58,13 +58,13 @@ class MemoryStore:
         return None if self.down else (list(self.rows.values()), self.robots)
 
     async def begin(self, row, _robot):
-        self.change(row.id, started_at=utc_now(), cell="main")
+        self.change(row.id, started_at=utc_now())
         return True
 
     async def add(self, _robot, cause, started_at):
         number = len(self.rows) + 1
         self.ask(number)
-        self.change(number, cause=cause, asked_by=None, started_at=started_at, cell="main")
+        self.change(number, cause=cause, asked_by=None, started_at=started_at)
         return number
 
     async def write_progress(self, _progress): ...
@@ -86,7 +86,7 @@ class MemoryStore:
         return []
 
     async def read_present(self, numbers):
-        return {number for number in numbers & self.rows.keys() if self.rows[number].cell}
+        return {number for number in numbers & self.rows.keys() if self.rows[number].started_at}
 
     async def flush(self): ...
 
@@ -260,7 +260,7 @@ async def test_video_is_recorded_with_key_frames_and_without_gaps(
 async def test_a_recording_ends_with_the_right_of_who_asked(recorder, store, settings):
     # A file that cannot be deleted keeps no other from its end.
     store.ask(9)
-    store.change(9, is_delete_requested=True, started_at=utc_now(), ended_at=utc_now(), cell="main")
+    store.change(9, is_delete_requested=True, started_at=utc_now(), ended_at=utc_now())
     (settings.folder / "9.mcap").mkdir()
     ends = ({"may_go_on": False}, "right_ended"), ({"is_delete_requested": True}, "stopped")
     for number, (change, code) in enumerate(ends, 1):
@@ -291,7 +291,7 @@ async def test_files_that_no_record_names_are_set_aside_and_deleted_when_old(
     """Another cell may record under their number."""
     monkeypatch.setattr(service, "RETENTION_EVERY_S", 0.0)
     store.ask()
-    store.change(1, ended_at=utc_now(), started_at=utc_now(), cell="main")
+    store.change(1, ended_at=utc_now(), started_at=utc_now())
     names = ("1.mcap", "2.mcap", "3-7.mcap", "4.mcap")
     for name in names:
         path = settings.folder / f"{name}.new"
@@ -331,7 +331,7 @@ async def test_a_large_file_of_a_killed_recorder_delays_nobody(recorder, store, 
     monkeypatch.setattr(service, "repair", repair)
     await until(lambda: recorder.channel.is_open, "the recorder is connected")
     store.ask()
-    store.change(1, started_at=utc_now(), cell="main")
+    store.change(1, started_at=utc_now())
     await until(begun.is_set, "the file is made whole")
     store.ask(2)
     store.change(2, may_go_on=False)

@@ -4,10 +4,11 @@ import datetime as dt
 
 import pytest
 from relay_server import cell_settings
-from robotether_server.db import cells, control, fleet, robots, users
+from robotether_server.db import cells, control, fleet, recordings, robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.control import DriveEntry, NewLease
 from robotether_server.db.fleet import SessionEntry
+from robotether_server.db.recordings import RecordableRobot
 from robotether_server.problems import NotPossibleError, StoreUnavailableError
 from robotether_server.services import cells as cell_service
 
@@ -53,8 +54,10 @@ def test_of_two_drains_at_once_the_second_waits(database):
             cell_service.drain(other, ADMIN, "b")
 
 
-def test_removed_cell_leaves_nothing_open(database, relay_database, admin_database):
-    """Its sessions, drives and leases end; those of another cell go on."""
+def test_removed_cell_leaves_nothing_open(
+    database, relay_database, admin_database, recorder_database
+):
+    """Its sessions, drives, leases and recordings end; those of another cell go on."""
     with database.transaction() as tx:
         ann, sim1 = users.add(tx, "ann", "x", "user"), robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
         sim2 = robots.add(tx, "00:1b:44:11:3a:b2", "sim2")
@@ -63,12 +66,15 @@ def test_removed_cell_leaves_nothing_open(database, relay_database, admin_databa
             control.next_fence(tx, NewLease(robot_id, ann, "ann", NOON), cell)
             drive = DriveEntry(robot_id, "sim", "ann", 1, NOON)
             fleet.write(tx, [SessionEntry(robot_id, NOON, ""), drive], cell)
+    with recorder_database.transaction() as tx:
+        for cell in ("a", "b"):
+            recordings.add(tx, RecordableRobot(sim1, "sim1"), "always", cell, NOON)
     kill(admin_database, "a")
     with database.transaction() as tx:
         cell_service.remove(tx, ADMIN, "a")
     with database.transaction() as tx:
-        for table in ("robot_sessions", "drives", "control_leases"):
+        for table in ("robot_sessions", "drives", "control_leases", "recordings"):
             rows = tx.rows(f"SELECT cell FROM {table} WHERE ended_at IS NULL")
             assert [row["cell"] for row in rows] == ["b"], table
         assert [cell.name for cell in cells.read(tx)] == ["b"]
-    assert kinds(database) == ["drive_ended", "cell_removed"]
+    assert kinds(database) == ["drive_ended", "recording_ended", "cell_removed"]
