@@ -99,7 +99,7 @@ class MediaDialer:
                 text = await answer.content.read(MAX_LINE_RATE_BYTES)
                 return msgspec.json.decode(text, type=LineRate).bytes_per_s
         except (TimeoutError, ClientError, OSError, ValueError):
-            # What answers may be web_video_server, or an older agent.
+            # What answers may be web_video_server.
             return None
 
     async def _connect(self, robot: RelayRobot, media_path: MediaPath) -> RobotSocket:

@@ -196,9 +196,7 @@ class Feed(SharedCopy[FeedKey, Viewer]):
         """Whether the robot sends JPEG although H.264 is requested, and not only until its encoder has started."""
         if self.newest is None or self.newest.codec is not JPEG or self.status is None:
             return False
-        # Older agents say nothing of codecs.
-        reason = self.status.no_encoder
-        return reason != ENCODER_STARTS and bool(reason or self.status.codec is None)
+        return self.status.no_encoder not in ("", ENCODER_STARTS)
 
     def worth(self, driver_id: int | None) -> tuple[bool, bool]:
         """Return what decides which of a camera's feeds goes first: whether its driver follows it, or who may drive."""

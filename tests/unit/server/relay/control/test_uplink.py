@@ -51,7 +51,7 @@ async def test_a_message_counts_while_it_is_on_the_way(relay, robot, sim1, show,
 
 
 async def test_what_the_line_carries_is_what_the_robot_says(robot, show, monkeypatch):
-    """An older agent, or web_video_server, answers with something else."""
+    """A web_video_server answers with something else."""
     monkeypatch.setattr(uplink, "LINE_RATE_KEPT_S", 0.0)
     for answer, rate in (
         ('{"bytes_per_s": 120000}', 120000),

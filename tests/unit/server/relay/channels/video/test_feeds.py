@@ -165,10 +165,9 @@ async def test_who_does_not_decode_h264_takes_it_from_nobody(
     ("codec", "status", "shares"),
     [
         (1, VideoStatus("live", codec="jpeg", no_encoder="PyAV is missing"), True),
-        # Of an older agent.
-        (1, VideoStatus("live"), True),
         (1, VideoStatus("live", codec="jpeg", no_encoder=ENCODER_STARTS), False),
-        (1, VideoStatus("live", codec="jpeg"), False),
+        # Its status is of before the frame.
+        (1, VideoStatus("live"), False),
         (2, VideoStatus("live", codec="h264"), False),
     ],
 )
