@@ -36,7 +36,8 @@ MAX_PACKET_BYTES = 64
 SERVER_NAME, GUARD_NAME = "guard-forks", "robot-guard"
 # Time limit for a program's first answer; a small computer that boots needs seconds to load Python.
 START_S = 20.0
-ANSWER_S = 1.0
+# Time limit for an answer: a robot that moves may wait for the next guard meanwhile.
+ANSWER_S = 0.4
 # They end a guard, and not the server.
 END_SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
@@ -56,6 +57,8 @@ def serve(control: socket.socket, run_guard: RunGuard) -> NoReturn:
     status = 1
     try:
         _set_name(SERVER_NAME)
+        # Garbage collections of the guards leave alone what is there, else they would copy its pages.
+        gc.freeze()
         # Not ignored: a guard would lose what it is sent before it is one.
         signal.pthread_sigmask(signal.SIG_BLOCK, END_SIGNALS)
         while True:
@@ -133,7 +136,7 @@ class ForkServer:
     def fork(cls, run_guard: RunGuard) -> ForkServer:
         """Fork a server off this process, which must have neither an event loop that runs nor a thread."""
         ours, theirs = _socket_pair()
-        # From now on garbage collections leave alone what is there, else they would copy its pages.
+        # The agent's own, too.
         gc.freeze()
         pid = os.fork()
         if pid == 0:

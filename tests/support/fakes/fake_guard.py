@@ -8,12 +8,13 @@ deaf           serves and ticks, but reads nothing
 stays          serves, and does not end when it is told to
 rubbish        listens, and says what is not JSON
 
-It notes what it hears in PLACE/heard.jsonl, one JSON object a line, begun by {"type": "born", "pid", "parent", "port"}.
+It notes what it hears in PLACE/heard.jsonl, one JSON object a line, begun by {"type": "born"}.
 MODE may be several with commas: each start takes the next one, the last one stays.
 """
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import select
@@ -52,7 +53,8 @@ class FakeGuard:
 
     def run(self) -> int:
         port = self._listener.getsockname()[1]
-        self._note({"type": "born", "pid": os.getpid(), "parent": os.getppid(), "port": port})
+        born = {"pid": os.getpid(), "parent": os.getppid(), "frozen": gc.get_freeze_count()}
+        self._note({"type": "born", **born, "port": port})
         if self._mode == "dies":
             return 1
         if self._mode == "rubbish":

@@ -261,7 +261,6 @@ async def test_frames_reach_the_guard_and_its_ages_the_session(keep, place):
 async def test_a_fork_server_that_fails_is_replaced(keep, place, monkeypatch, harm):
     """Its guard stays, also while another one starts, and the next guard is the other one's."""
     monkeypatch.setattr("robotether_agent.guard.supervisor.FORK_SERVER_CHECK_S", 0.05)
-    monkeypatch.setattr("robotether_agent.guard.fork_server.ANSWER_S", 0.3)
     running = keep("serves")
     await running.ready()
     first = running.supervisor._fork_server
@@ -275,6 +274,7 @@ async def test_a_fork_server_that_fails_is_replaced(keep, place, monkeypatch, ha
     os.kill(births(place)[0]["pid"], signal.SIGKILL)
     await running.ready(2)
     assert births(place)[1]["parent"] == second
+    assert births(place)[1]["frozen"]
     await running.stop()
     assert not any(is_alive(pid) for pid in (second, births(place)[1]["pid"]))
 
@@ -282,7 +282,6 @@ async def test_a_fork_server_that_fails_is_replaced(keep, place, monkeypatch, ha
 @pytest.mark.parametrize("harm", [signal.SIGKILL, signal.SIGSTOP])
 async def test_a_guard_is_followed_without_a_fork_server(keep, place, monkeypatch, harm):
     """Both may fail at once; then Python has to start for the next guard."""
-    monkeypatch.setattr("robotether_agent.guard.fork_server.ANSWER_S", 0.3)
     running = keep("serves")
     await running.ready()
     running.supervisor.on_config(WANTS, direct=False)
