@@ -363,6 +363,8 @@ class Agent:
         while True:
             report = await self._health.changed(report)
             self._status_writer.set(**asdict(report))
+            # What the server saw of a service that was down, or has gone down since, is no longer true.
+            self._recheck.set()
 
     async def _refresh_status(self) -> None:
         while True:

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from fake_cloud import eventually
 from robotether_agent import backoff
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.problems import AlreadyRunningError, Retry
@@ -89,3 +90,19 @@ async def test_starts_before_the_network_is_there(cloud, start_agent, place):
     (place / "state/identity.json").write_text(json.dumps(kept))
     status = await agent.until_connected()
     assert (status.mac, status.interface) == ("00:1b:44:11:3a:b7", "")
+
+
+async def test_the_server_looks_again_at_a_service_that_came_back(
+    cloud, start_agent, services, monkeypatch
+):
+    """Else the status of an idle robot says for ten minutes that the server finds it down."""
+    monkeypatch.setattr("robotether_agent.tunnel.connection.CHECK_PAUSE_S", 0)
+    services.refuse_sockets = True
+    agent = start_agent(cloud)
+    await agent.until_connected()
+    await agent.until(lambda status: status.ros == "down", "rosbridge is down")
+    session = await cloud.link("session")
+    checks = len(session.of_type("check"))
+    services.refuse_sockets = False
+    await agent.until(lambda status: status.ros == "ok", "rosbridge is back")
+    await eventually(lambda: len(session.of_type("check")) > checks, lambda: "another check")
