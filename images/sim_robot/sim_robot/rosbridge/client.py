@@ -2,8 +2,7 @@
 
 Made by server.py for each connection, changed by the operations. Knows no socket: what goes out waits
 in `outbox`, which is bounded. The real rosbridge's queue is not, so a client that does not read makes it grow until the
-robot has no memory left. Here the oldest topic messages make room for new ones; replies are never dropped, and a
-client that lets too many of them pile up is cut off by server.py.
+robot has no memory left. Here the oldest make room for new ones.
 """
 
 import asyncio
@@ -11,13 +10,12 @@ import json
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from sim_robot.graph import Graph, Node, TopicMessage
-from sim_robot.messages import SimRobotError, finite_or_none
+from sim_robot.messages import finite_or_none
 
 NODE_NAME = "/rosbridge_websocket"
-TOPICS_LIMIT = 1000
 MESSAGES_LIMIT = 1000
 BYTES_LIMIT = 16 * 1024 * 1024
 QUEUE_LIMIT = 1000  # whatever queue_length a client asks for
@@ -25,60 +23,37 @@ QUEUE_LIMIT = 1000  # whatever queue_length a client asks for
 Id = str | int | None
 
 
-class _Entry(NamedTuple):
-    data: str | bytes
-    droppable: bool
-
-
 class Outbox:
     """A queue with one reader."""
 
     def __init__(self) -> None:
-        self._entries: deque[_Entry] = deque()
+        self._entries: deque[str] = deque()
         self._size = 0
         self._filled = asyncio.Event()
         self.dropped = 0
-        self.overflowed = False
 
-    def put_message(self, data: str | bytes) -> None:
-        """Queue a topic message; the oldest ones go when there is no room."""
-        self._put(_Entry(data, droppable=True))
+    def put(self, data: str) -> None:
+        """Queue a message; the oldest ones go when there is no room."""
+        self._entries.append(data)
+        self._size += len(data)
+        while self._is_full():
+            self._size -= len(self._entries.popleft())
+            self.dropped += 1
+        self._filled.set()
 
-    def put_reply(self, data: str | bytes) -> None:
-        """Queue a reply; `overflowed` tells when even dropping made no room."""
-        self._put(_Entry(data, droppable=False))
-
-    async def get(self) -> str | bytes:
+    async def get(self) -> str:
         """Wait for the next one."""
         while not self._entries:
             self._filled.clear()
             await self._filled.wait()
-        entry = self._entries.popleft()
-        self._size -= len(entry.data)
-        return entry.data
-
-    def _put(self, entry: _Entry) -> None:
-        if self.overflowed:
-            return
-        self._entries.append(entry)
-        self._size += len(entry.data)
-        while self._is_full() and self._drop_oldest():
-            self.dropped += 1
-        self.overflowed = self._is_full()
-        self._filled.set()
+        data = self._entries.popleft()
+        self._size -= len(data)
+        return data
 
     def _is_full(self) -> bool:
         # One alone may be larger than the limit: it has to go out somehow.
         too_large = self._size > BYTES_LIMIT and len(self._entries) > 1
         return too_large or len(self._entries) > MESSAGES_LIMIT
-
-    def _drop_oldest(self) -> bool:
-        for index, entry in enumerate(self._entries):
-            if entry.droppable:
-                del self._entries[index]
-                self._size -= len(entry.data)
-                return True
-        return False
 
 
 class ThrottledQueue:
@@ -193,20 +168,14 @@ class Client:
         """Queue a reply, with the id of what it answers."""
         if identity is not None:
             message["id"] = identity
-        self.outbox.put_reply(to_json(message))
+        self.outbox.put(to_json(message))
 
     def deliver(self, message: TopicMessage, topic: str) -> None:
         """Queue a message for a client that knows the topic as `topic`; what several get is encoded once."""
         if topic not in message.wire:
             frame = {"op": "publish", "topic": topic, "msg": message.values}
             message.wire[topic] = to_json(frame)
-        self.outbox.put_message(message.wire[topic])
-
-    def check_limit(self) -> None:
-        """Raise SimRobotError when the client may not hold one more topic."""
-        held = sum(map(len, self.advertised.values())) + sum(map(len, self.subscriptions.values()))
-        if held >= TOPICS_LIMIT:
-            raise SimRobotError(f"cannot take one more topic: this client holds {TOPICS_LIMIT}")
+        self.outbox.put(message.wire[topic])
 
     def close(self) -> None:
         """Give back everything that the client held."""

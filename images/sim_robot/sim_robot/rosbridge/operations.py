@@ -9,10 +9,9 @@ import json
 import logging
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any, TypeVar
 
-from sim_robot.graph import Graph, TopicMessage, full_name
+from sim_robot.graph import Graph, full_name
 from sim_robot.messages import SimRobotError
 from sim_robot.rosbridge.client import (
     Client,
@@ -55,7 +54,6 @@ def _register(
     client: Client, topic: str, type_name: str | None, identity: str | int | None
 ) -> None:
     """Make the client a publisher of the topic."""
-    client.check_limit()
     client.graph.bus.advertise(topic, type_name, client.node)
     client.advertised.setdefault(topic, set()).add(identity)
 
@@ -90,10 +88,10 @@ def subscribe(client: Client, operation: dict[str, Any]) -> None:
     topic = full_name(as_written)
     type_name = get_optional_text(operation, "type")
     request = _request(operation)
-    client.check_limit()
     former = client.subscriptions.get(topic)
+    # The client knows the topic by the name that it wrote, which may lack the leading slash.
     subscription = former or Subscription(
-        ThrottledQueue(partial(_deliver, client, topic, as_written))
+        ThrottledQueue(lambda message: client.deliver(message, as_written))
     )
     client.graph.bus.subscribe(topic, type_name, client.node, subscription.offer)
     client.subscriptions[topic] = subscription
@@ -126,11 +124,6 @@ def _request(operation: dict[str, Any]) -> SubscribeRequest:
         throttle_ms=get_count(operation, "throttle_rate"),
         queue_length=get_count(operation, "queue_length"),
     )
-
-
-def _deliver(client: Client, topic: str, as_written: str, message: TopicMessage) -> None:
-    # The client knows the topic by the name that it wrote, which may lack the leading slash.
-    client.deliver(message, as_written)
 
 
 def call_service(client: Client, operation: dict[str, Any]) -> None:

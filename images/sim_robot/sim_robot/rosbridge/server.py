@@ -42,7 +42,7 @@ class RosbridgeServer:
         log.debug("%s connected", client.name)
         writer = asyncio.create_task(_write(socket, client.outbox))
         try:
-            await _read(request, socket, client)
+            await _read(socket, client)
         finally:
             self._connections.discard(socket)
             client.close()
@@ -58,25 +58,17 @@ class RosbridgeServer:
         await asyncio.gather(*closing, return_exceptions=True)
 
 
-async def _read(request: web.Request, socket: web.WebSocketResponse, client: Client) -> None:
+async def _read(socket: web.WebSocketResponse, client: Client) -> None:
     async for message in socket:
         # Some clients send their JSON in binary frames; the real server takes both.
         if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
             handle(client, message.data)
-        if client.outbox.overflowed:
-            log.warning("%s asks and does not read the answers: cut off", client.name)
-            if request.transport is not None:
-                request.transport.abort()
-            return
 
 
 async def _write(socket: web.WebSocketResponse, outbox: Outbox) -> None:
     while True:
         data = await outbox.get()
         try:
-            if isinstance(data, str):
-                await socket.send_str(data)
-            else:
-                await socket.send_bytes(data)
+            await socket.send_str(data)
         except ConnectionError:
             return  # the reader sees the end of the connection and cleans up
