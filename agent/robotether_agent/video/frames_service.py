@@ -15,8 +15,8 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import Counter
-from collections.abc import Awaitable, Callable, Mapping
-from contextlib import AsyncExitStack, suppress
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from contextlib import AsyncExitStack, closing, contextmanager, suppress
 
 import aiohttp
 from aiohttp import web
@@ -115,14 +115,10 @@ class FramesService:
         )
         if not answer.can_prepare(request):
             raise web.HTTPNotFound(text="connect with a WebSocket\n")
-        self._check_room(topic)
-        self._topics[topic] += 1
-        try:
+        with self._counted(topic):
             keep_little_unsent(request)
             await answer.prepare(request)
             await self._serve(answer, topic, int(request.get_extra_info("peername")[1]))
-        finally:
-            self._leave(topic)
         return answer
 
     def yields(self, port: int) -> bool:
@@ -152,13 +148,22 @@ class FramesService:
         finally:
             del self._receivers[port]
 
-    def _check_room(self, topic: str) -> None:
+    @contextmanager
+    def _counted(self, topic: str) -> Iterator[None]:
+        """Count a receiver while it is served; refuse it where there are too many."""
         is_new = topic not in self._topics
         if self._topics.total() >= MAX_RECEIVERS or (
             is_new and len(self._topics) >= MAX_SHARED_SOURCES
         ):
             why = f"{len(self._topics)} cameras are open"
             raise web.HTTPServiceUnavailable(text=f"{why}\n", headers={REASON_HEADER: why})
+        self._topics[topic] += 1
+        try:
+            yield
+        finally:
+            self._topics[topic] -= 1
+            if not self._topics[topic]:
+                del self._topics[topic]
 
     async def _list(self, request: web.Request) -> web.Response:
         """Answer whoever looks whether video works; without any as if nothing listened, which the server asks for."""
@@ -182,30 +187,19 @@ class FramesService:
         return await self._first_frame(_source_request(request, _topic(request)))
 
     async def _first_frame(self, source_request: SourceRequest) -> web.StreamResponse:
-        newest = _Newest(self._shared_sources, source_request)
-        try:
+        with closing(_Newest(self._shared_sources, source_request)) as newest:
             frame = await newest.first()
-        finally:
-            newest.leave()
         return web.Response(body=frame.data, content_type=frame.codec.mime_type)
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         source_request = _source_request(request, _topic(request))
-        self._check_room(source_request.topic)
-        self._topics[source_request.topic] += 1
-        newest = _Newest(self._shared_sources, source_request)
-        try:
+        with (
+            self._counted(source_request.topic),
+            closing(_Newest(self._shared_sources, source_request)) as newest,
+        ):
             # A camera that gives nothing is an error, which a stream that has begun cannot report.
             first = await newest.first()
             return await _pour(request, first, newest)
-        finally:
-            newest.leave()
-            self._leave(source_request.topic)
-
-    def _leave(self, topic: str) -> None:
-        self._topics[topic] -= 1
-        if not self._topics[topic]:
-            del self._topics[topic]
 
 
 class _Newest:
@@ -216,6 +210,10 @@ class _Newest:
         self._frame: CameraFrame | None = None
         self._has_frame = asyncio.Event()
         self._shared = shared_sources.follow(source_request, self, self._on_frame)
+
+    def close(self) -> None:
+        """Want no more."""
+        self._shared_sources.leave(self._shared, self)
 
     async def next(self) -> CameraFrame:
         """Return one that was not returned before."""
@@ -232,10 +230,6 @@ class _Newest:
         except asyncio.TimeoutError as error:
             reason = self._shared.condition().detail or "there is no frame yet"
             raise web.HTTPServiceUnavailable(text=f"{reason}\n") from error
-
-    def leave(self) -> None:
-        """Want no more."""
-        self._shared_sources.leave(self._shared, self)
 
     def _on_frame(self, frame: CameraFrame) -> None:
         self._frame = frame
