@@ -71,16 +71,8 @@ def lab(stack, browser, token):
         yield page
 
 
-def _moving(pose):
-    return pose["linear_velocity"] > 0.1
-
-
-def _standing(pose):
-    return pose["linear_velocity"] == 0
-
-
-def _expect_value(page, expression, condition, seconds=10):
-    end = time.monotonic() + seconds
+def _expect_value(page, expression, condition):
+    end = time.monotonic() + 10
     while not condition(value := page.evaluate(expression)):
         assert time.monotonic() < end, f"{expression} is {value}"
         time.sleep(0.05)
@@ -101,10 +93,10 @@ def _drive_and_stop(page, watch, stack, token):
     _expect_value(page, "document.querySelector('output').value", lambda value: value == "0.00")
     page.locator("#forward").hover()
     page.mouse.down()
-    watch.wait_pose("moving", _moving)
+    watch.wait_moving()
     _expect_value(page, "document.querySelector('output').value", lambda value: value == "0.30")
     page.mouse.up()
-    watch.wait_pose("standing", _standing)
+    watch.wait_standing()
     _expect_value(page, COUNT_COLOURS, lambda colours: colours > 10)
     page.locator("#stop").click()
     stack.wait("stopped", lambda: _stopped(stack, token), "relay")
@@ -128,10 +120,10 @@ def test_the_documented_lines_drive_and_show_video(lab, stack):
             lines = FIRST_LINES[1].replace("https://robots.example", stack.url)
             lab.add_script_tag(type="module", content=lines)
         lab.evaluate("void (stick.y = 0.3)")
-        watch.wait_pose("moving", _moving)
+        watch.wait_moving()
         _expect_value(lab, COUNT_COLOURS, lambda colours: colours > 10)
         lab.evaluate("void (stick.y = 0)")
-        watch.wait_pose("standing", _standing)
+        watch.wait_standing()
 
 
 def test_a_site_that_is_not_allowed_gets_nothing(stack, browser, token):

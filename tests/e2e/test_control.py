@@ -40,7 +40,7 @@ def _assert_drives_only_after_a_word(page, stack):
         page.get_by_test_id("control-arm").click()
         page_holds.drive(page, watch)
         page.keyboard.up("w")
-        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
+        watch.wait_standing()
 
 
 def _newest_fence(stack):

@@ -72,7 +72,7 @@ def test_ports_are_open_to_the_listed_networks_only(stack, open_to):
     with SimWatch(stack, "sim1") as watch:
         with ProgramDriver(f"ws://127.0.0.1:{port}/"):
             watch.wait_seen("driven", lambda pose: pose["linear_velocity"] > 0, since=0)
-        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0.0)
+        watch.wait_standing()
         assert watch.commands()[-1].msg["linear"]["x"] == 0
     assert cut_at_once(port, MOST_OF_AN_ADDRESS - 5) == 0
     stack.wait("room for one more", lambda: answers(port), "direct")

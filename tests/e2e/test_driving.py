@@ -157,10 +157,6 @@ def _moving(pose):
     return pose["linear_velocity"] > 0.1
 
 
-def _standing(pose):
-    return pose["linear_velocity"] == 0 and pose["angular_velocity"] == 0
-
-
 def _turning(pose):
     return pose["angular_velocity"] > 0.1
 
@@ -171,7 +167,7 @@ def _is_zero(twist):
 
 def _falls_silent(watch):
     """The robot stands, nothing but zero comes any more, and soon not even that."""
-    watch.wait_pose("standing", _standing)
+    watch.wait_standing()
     # A robot that stands all the time says nothing of what is under way.
     watch.wait_pose(
         "told to stop", lambda _: all(_is_zero(seen.msg) for seen in watch.commands()[-1:])
@@ -186,17 +182,17 @@ def _falls_silent(watch):
     assert all(_is_zero(seen.msg) for seen in watch.commands(since))
 
 
-def _repeat(page, watch, key="w"):
+def _repeat(page, watch):
     """A key that is still down repeats, and drives nothing until it is pressed anew."""
     since = time.monotonic()
-    page.keyboard.down(key)
+    page.keyboard.down("w")
     expect_armed(page)
     time.sleep(0.3)  # in which a command would have come
     assert all(_is_zero(seen.msg) for seen in watch.commands(since))
-    page.keyboard.up(key)
-    page_holds.drive(page, watch, key)
-    page.keyboard.up(key)
-    watch.wait_pose("standing", _standing)
+    page.keyboard.up("w")
+    page_holds.drive(page, watch)
+    page.keyboard.up("w")
+    watch.wait_standing()
 
 
 def _press_enable(page, gamepad, until):
@@ -218,7 +214,7 @@ def test_keys_and_mouse_drive_until_they_are_let_go(page, stack, watch):
     most = float(page.get_by_test_id("limit-linear").get_attribute("max") or "nan")
 
     def goes_as_fast_as_it_may():
-        watch.wait_pose("moving", _moving)
+        watch.wait_moving()
         expect(page.get_by_test_id("speed-linear")).to_contain_text("m/s")
         expect(page.locator("[data-key=KeyW]")).to_have_attribute("data-lit", "true")
         page.keyboard.down("Shift")
@@ -274,7 +270,7 @@ def test_a_key_whose_release_may_be_lost_is_let_go(page, stack, watch):
     for what in (*LOSSES, "context menu", "list", "fullscreen", "stopped process"):
         page_holds.drive(page, watch)
         loses(what)
-        watch.wait_pose(f"standing after {what}", _standing)
+        watch.wait_standing(f"standing after {what}")
         if what == "list":
             page.keyboard.press("Escape")
         _repeat(page, watch)
@@ -362,7 +358,7 @@ def test_a_gamepad_drives_while_its_button_is_held(page, stack, watch):
     gamepad.push(LEFT_X, -1)
     _press_enable(page, gamepad, lambda: watch.wait_pose("turning left", _turning))
     gamepad.unplug()
-    watch.wait_pose("standing", _standing)
+    watch.wait_standing()
     _expect_gamepad(page, "lost")
     assert page.get_by_test_id("joystick").bounding_box() == stick
     gamepad.plug_in()
@@ -376,7 +372,7 @@ def test_a_gamepad_drives_while_its_button_is_held(page, stack, watch):
     _press_enable(page, gamepad, lambda: watch.wait_pose("turning by a new press", _turning))
     try:
         gamepad.press(B)
-        watch.wait_pose("standing", _standing)
+        watch.wait_standing()
         expect(page.get_by_test_id("stop-bar")).to_have_attribute("data-stop", "stopped")
     finally:
         release_all(stack, [ROBOT])
@@ -451,7 +447,7 @@ def test_a_driver_without_network_reads_that_and_nothing_drives_on(page, stack, 
     state, bar = page.get_by_test_id("state"), page.get_by_test_id("stop-bar")
     page_holds.drive(page, watch)
     page.context.set_offline(True)
-    watch.wait_pose("standing", _standing)
+    watch.wait_standing()
     expect(state).to_have_attribute("data-shown", "server_unreachable", timeout=20_000)
     expect(state).to_contain_text("Check this device's network")
     page.context.set_offline(False)

@@ -65,7 +65,7 @@ def _drive_and_close(page, stack):
     with SimWatch(stack, ROBOT) as watch:
         page_holds.drive(page, watch)
         page.keyboard.up("w")
-        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
+        watch.wait_standing()
     page.goto(f"{stack.url}/queue")
     expect(page.get_by_test_id("queue-state")).to_have_text(f"You are busy with {ROBOT}.")
     page.get_by_test_id("close-note").fill(NOTE)

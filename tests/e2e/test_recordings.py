@@ -113,12 +113,7 @@ def _record(page, stack, mark):
     expect(page.get_by_test_id("recording")).to_have_text("This drive is being recorded.")
     page.keyboard.press("Escape")
     with SimWatch(stack, ROBOT) as watch:
-        page_holds.hold(
-            page,
-            lambda: page.keyboard.down("w"),
-            lambda: page.keyboard.up("w"),
-            lambda: _drive_on(page, watch),
-        )
+        page_holds.hold_key(page, lambda: _drive_on(page, watch))
         page.keyboard.up("w")
     open_drawer(page)
     record.click()
@@ -131,7 +126,7 @@ def _record(page, stack, mark):
 
 def _drive_on(page, watch):
     """Drive for longer than the shortest episode of a dataset, without a pause."""
-    watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
+    watch.wait_moving()
     page.wait_for_timeout(3000)
     assert not page_holds.had_to_let_go(page)
 

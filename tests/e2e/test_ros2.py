@@ -107,12 +107,7 @@ def test_page_drives_it_and_shows_its_sensors(page, stack):
     expect(camera).to_have_attribute("data-frame", "live", timeout=20_000)
     speed = page.get_by_test_id("speed-linear")
     expect(speed).to_contain_text("0.00 m/s")
-    page_holds.hold(
-        page,
-        lambda: page.keyboard.down("w"),
-        lambda: page.keyboard.up("w"),
-        lambda: expect(speed).not_to_contain_text("0.00 m/s"),
-    )
+    page_holds.hold_key(page, lambda: expect(speed).not_to_contain_text("0.00 m/s"))
     page.keyboard.up("w")
     expect(speed).to_contain_text("0.00 m/s")
     page.get_by_test_id("view-2").click()

@@ -88,10 +88,10 @@ def test_sim2_follows_sim1_until_somebody_stops_it(page, page_users, stack):
     expect_armed(driving)
     with SimWatch(stack, "sim1") as leader, SimWatch(stack, "sim2") as follower:
         page_holds.drive(driving, leader)
-        follower.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
+        follower.wait_moving()
         expect(_state(page)).to_have_text(re.compile(r"Runs, [1-9][0-9.]*/s"))
         stack.admin.ask("POST", "/robots/sim2/stop", {"reason": "routes"})
-        follower.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
+        follower.wait_standing()
         assert leader.pose["linear_velocity"] > 0 or page_holds.had_to_let_go(driving)
         driving.close()
     expect(_state(page)).to_have_text("Ended: the target was stopped")
@@ -140,6 +140,6 @@ def test_an_app_drives_sim2_and_gets_its_odometry_while_it_is_connected(page, st
     assert _driver(stack)["user"] == "mia (route)"
     with SimWatch(stack, "sim2") as watch:
         app.close()
-        watch.wait_pose("standing", lambda pose: pose["angular_velocity"] == 0)
+        watch.wait_standing()
     expect(driving).to_have_text("Waits: app stick is not connected")
     assert _driver(stack) is None

@@ -57,7 +57,7 @@ def test_a_frozen_video_holds_driving_until_pressed_anew_or_allowed(page, stack,
             page_holds.drive(page, watch)
             with frozen_cameras(stack, ROBOT):
                 _expect_shown(page, "held", "The video is frozen.")
-                watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
+                watch.wait_standing()
                 expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "false")
                 _assert_still(page, watch)
                 tile = page.locator(FRONT)

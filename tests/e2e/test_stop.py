@@ -48,7 +48,7 @@ def test_a_stop_reaches_driver_and_robot_outlives_the_page_and_ends_by_a_release
         ann.bring_to_front()
         page_holds.drive(ann, watch)
         olga.get_by_test_id("stop").dispatch_event("pointerdown", {"button": 0})
-        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
+        watch.wait_standing()
         _expect_stopped(ann, "olga")
         stopped = time.monotonic()
         expect_mode(ann, "observe")

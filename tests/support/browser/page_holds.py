@@ -4,8 +4,8 @@ A page that did not look for a while may have missed a release, and one whose pi
 by; both let go, and whoever drives has to press anew. A test of what happens as long as something is held needs a
 stretch of time without that: it looks, and takes another one if there was.
 
-`hold` is that for anything that is pressed, `drive` for a key and a robot that has to move, `release_stop` for the
-button that releases a stop.
+`hold` is that for anything that is pressed, `hold_key` for W, `drive` for W and a robot that has to move,
+`release_stop` for the button that releases a stop.
 """
 
 from __future__ import annotations
@@ -84,14 +84,12 @@ def hold(
     raise AssertionError(f"the page let go of each of {MAX_PRESSES} presses")
 
 
-def drive(page: Page, watch: SimWatch, key: str = "w") -> None:
-    hold(
-        page,
-        lambda: page.keyboard.down(key),
-        lambda: page.keyboard.up(key),
-        # Who drives without video is very slow.
-        lambda: watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0),
-    )
+def hold_key(page: Page, until: Callable[[], object]) -> None:
+    hold(page, lambda: page.keyboard.down("w"), lambda: page.keyboard.up("w"), until)
+
+
+def drive(page: Page, watch: SimWatch) -> None:
+    hold_key(page, watch.wait_moving)
 
 
 def release_stop(page: Page) -> None:

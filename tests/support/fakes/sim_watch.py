@@ -65,13 +65,21 @@ class SimWatch(LoopThread):
 
         self.wait_pose(what, came)
 
-    def wait_pose(self, what: str, condition: Any) -> float:
+    def wait_moving(self) -> None:
+        """Wait until it goes at any speed: who drives without video is very slow."""
+        self.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
+
+    def wait_standing(self, what: str = "standing") -> None:
+        self.wait_pose(
+            what, lambda pose: pose["linear_velocity"] == 0 and pose["angular_velocity"] == 0
+        )
+
+    def wait_pose(self, what: str, condition: Any) -> None:
         start = time.monotonic()
         while not condition(self.pose):
             late = f"after {POSE_WITHIN_S} s still not {what}: {self.pose}"
             assert time.monotonic() - start < POSE_WITHIN_S, late
             time.sleep(0.01)
-        return time.monotonic() - start
 
     async def _work(self) -> None:
         async with aiohttp.ClientSession() as http, http.ws_connect(self._url) as socket:
