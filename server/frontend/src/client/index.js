@@ -26,15 +26,16 @@ export class Robot {
   // `server`: https://HOST, by default the page's own. The caller: `token`, an API token; or `getTicket({robot, mode})`, which
   // gives (a promise of) a ticket, from a backend of yours; or else the login of a page on that server.
   // `driveType` and `wheelbase` where the robot does not report its type or steers; `letGoOnBlur` false for a page that drives
-  // by a program and needs nobody to look at it.
+  // by a program and needs nobody to look at it. `mac`: of the robot that is meant, as another one may get its name.
   constructor(options) {
-    const { robot, server, token, getTicket, driveTopic, driveType, wheelbase, letGoOnBlur } = {
+    const { robot, mac, server, token, getTicket, driveTopic, driveType, wheelbase, letGoOnBlur } = {
       ...USUAL,
       server: location.origin,
       ...options,
     };
     checkWheelbase(wheelbase);
     this.name = robot;
+    this.mac = mac;
     this.server = server;
     this.getTicket = getTicket;
     this.driveTopic = driveTopic && fullName(driveTopic); // empty: it drives nothing
@@ -127,7 +128,7 @@ export class Robot {
     const confirmation = this.awaitStop();
     const press = randomKey();
     this.session.stopRobot(press);
-    const answer = await this.api?.stop(this.name, press);
+    const answer = await this.api?.stop(this.name, press, this.mac);
     return Boolean(answer?.ok) || confirmation;
   }
 
@@ -152,13 +153,13 @@ export class Robot {
     const stopped = this.control?.stopped;
     await this.ask("release", (api) => {
       if (!stopped) throw new Error(`cannot release ${this.name}: no stop was reported to this page`);
-      return api.release(this.name, stopped);
+      return api.release(this.name, stopped, this.mac);
     });
   }
 
   // `action`: ask, withdraw, hand_over, refuse or take.
   async lease(action, more) {
-    await this.ask(action, (api) => api.lease(this.name, action, more));
+    await this.ask(action, (api) => api.lease(this.name, action, more, this.mac));
   }
 
   // `outcome` says what is known when no answer comes.
@@ -174,14 +175,14 @@ export class Robot {
   // `since` is the `sequence` of one that is no more wanted.
   async newest(topic, /** @type {{type?: string, throttleMs?: number, waitS?: number, since?: string}} */ options = {}) {
     const { type, throttleMs, waitS, since } = options;
-    const query = { type, throttle_rate: throttleMs, wait_s: waitS, since };
+    const query = { type, throttle_rate: throttleMs, wait_s: waitS, since, mac: this.mac };
     const { status, body } = await this.ask(`read ${topic} of`, (api) => api.topic(this.name, topic, query));
     return status === 204 ? null : body;
   }
 
   // Without a connection, over HTTP. Resolves with the answer's values.
   async callOnce(service, args = {}, /** @type {{type?: string, timeoutS?: number}} */ { type, timeoutS } = {}) {
-    const query = { type, timeout_s: timeoutS };
+    const query = { type, timeout_s: timeoutS, mac: this.mac };
     const { body } = await this.ask(`call ${service} of`, (api) => api.service(this.name, service, args, query), "; it may still run");
     if (!body.result) throw new Error(`cannot call ${service}: ${body.reason}`);
     return body.values;
@@ -224,7 +225,7 @@ export class Robot {
     const decoder = new FrameDecoder({ choice, onKeyFrame: () => stream.requestKeyFrame(), onCodecs: askAnew });
     const [show, frames] = [showOn(element, decoder), new ShownFrames()];
     const stream = new FrameStream({
-      url: async () => framesUrl(this.server, this.name, topic, { ticket: await this.viewTicket() }),
+      url: async () => framesUrl(this.server, this.name, topic, { ticket: await this.viewTicket(), mac: this.mac }),
       request,
       onFrame: async (frame) => {
         await show(frame);
@@ -251,7 +252,7 @@ export class Robot {
 
   // An address for <img src>, good for 30 s to begin with. Prefer showVideo: it comes back after a cut.
   async streamUrl({ topic = USUAL_CAMERA, ...more } = {}) {
-    return streamUrl(this.server, this.name, topic, await this.viewTicket(), more);
+    return streamUrl(this.server, this.name, topic, await this.viewTicket(), { ...more, mac: this.mac });
   }
 
   // A login goes by its cookie.
@@ -261,7 +262,9 @@ export class Robot {
   }
 
   ticket(mode) {
-    return this.getTicket ? ticketBy(this.getTicket, { robot: this.name, mode }) : requestTicket(this.api, this.name, mode);
+    const meant = this.mac ? { mac: this.mac } : {};
+    if (this.getTicket) return ticketBy(this.getTicket, { robot: this.name, mode, ...meant });
+    return requestTicket(this.api, this.name, mode, meant);
   }
 
   async readDriveType(call) {

@@ -310,6 +310,21 @@ test("a topic and a service answer over HTTP without a connection", async () => 
   await assert.rejects(robot.callOnce("arm/move"), { message: "ben drives", code: "lease_held" });
 });
 
+test("a page that names the MAC of its robot asks nothing of another one that has got the name", async () => {
+  const mac = "02:00:00:00:00:07";
+  const robot = await goLive(make({ mac }));
+  assert.deepEqual(asked[0].body, { robot: "sim 1", mode: "drive", mac });
+  sockets[0].relaySays({ op: "robotether.control", control: { stopped } });
+  await robot.stop();
+  const refused = [robot.release(), robot.lease("ask"), robot.newest("odom"), robot.callOnce("arm/move")];
+  await Promise.allSettled(refused);
+  assert.deepEqual(new Set(asked.slice(1).map(({ url }) => new URL(url).searchParams.get("mac"))), new Set([mac]));
+  assert.match(await robot.streamUrl(), /&mac=02%3A00%3A00%3A00%3A00%3A07/);
+  const getTicket = async (wish) => ticketsGiven.push(wish) && "t1";
+  await goLive(make({ mac, getTicket }));
+  assert.deepEqual(ticketsGiven, [{ robot: "sim 1", mode: "drive", mac }]);
+});
+
 test("commands name the frames of the cameras that are shown, else of the last ones, none before the first and nothing without video", async () => {
   class Image {
     localName = "img";
