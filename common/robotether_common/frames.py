@@ -76,8 +76,8 @@ class StreamRequest:
 class VideoStatus:
     """How the source of a robot's frames is, and what it sends; None: not known.
 
-    `encoder` is the name of the encoder at work, None while frames are JPEGs as the source gave them; `no_encoder` then
-    says why a receiver that decodes more gets them, and is empty else.
+    `encoder` is the name of the encoder at work, None while frames are JPEGs as the source gave them; `no_encoder` says
+    why a receiver that decodes more gets them, or why the encoder makes fewer than requested, and is empty else.
     """
 
     state: State

@@ -1,6 +1,8 @@
-"""Decides how a camera's frames are encoded: bits, size, preset and key frames; pure, each timestamp is an argument."""
+"""Decides how a camera's frames are encoded: bits, size, preset, rate and key frames; pure, times are arguments."""
 
 from __future__ import annotations
+
+from math import inf
 
 from robotether_common.frames import KEY_FRAME_EVERY_S
 
@@ -18,11 +20,16 @@ MIN_BITS_PER_S = 20_000
 MIN_SIDE = 16
 # Part of a frame's interval that encoding may take, and below which there is room for a slower preset.
 BUSY, EASY = 0.3, 0.1
-# Part of the interval above which the fastest preset does not keep the rate, and the time until that is certain.
-OVERLOADED, OVERLOADED_S = 0.6, 3.0
-# Time with room before a slower preset, and its maximum where that was wrong before; a change costs a key frame.
-SLOWER_AFTER_S, MAX_SLOWER_AFTER_S = 30.0, 600.0
-# Time after a slower preset in which a faster one shows that it was wrong.
+# Part of the interval above which the fastest preset does not keep the rate, the time until that is certain, and the
+# part at the lower rate that follows.
+OVERLOADED, OVERLOADED_S, RELIEVED = 0.6, 3.0, 0.4
+# Minimum rate to which frames are slowed, in frames a second: with fewer, JPEGs are the better picture.
+MIN_SLOWED_FPS = 5.0
+# Ratio of the next higher rate to the one before.
+FASTER = 1.5
+# Time with room before a step up, and its maximum where that was wrong before; another preset costs a key frame.
+UP_AFTER_S, MAX_UP_AFTER_S = 30.0, 600.0
+# Time after a step up in which a step down shows that it was wrong.
 REGRET_S = 60.0
 # Number of frames after a change that count for nothing, number of those before the next change, and weight of a frame.
 SETTLING_FRAMES, JUDGED_FRAMES, WEIGHT = 5, 15, 0.1
@@ -50,64 +57,87 @@ def encoded_size(
     return width, height
 
 
-class PresetSteps:
-    """Which preset is in force, by how long frames take of the interval between them."""
+class LoadSteps:
+    """Preset and maximum rate in force, by how long frames take of the interval between them.
+
+    Down: the preset first, then the rate. Up after a time with room: the rate first.
+    """
 
     def __init__(self, now_s: float) -> None:
+        self.max_fps = inf
         self._at = 0
-        self._slower_after_s = SLOWER_AFTER_S
-        self._slower_at_s = now_s - REGRET_S
-        self._overloaded_since_s: float | None = None
-        self._begin(now_s)
+        self._up_after_s = UP_AFTER_S
+        self._up_at_s = now_s - REGRET_S
+        self.restart(now_s)
 
     @property
     def preset(self) -> str:
         """The preset in force."""
         return PRESETS[self._at]
 
-    def on_encoded(self, now_s: float, took_s: float, interval_s: float) -> bool:
-        """Note how long a frame took; return False when not even the fastest preset keeps the rate."""
+    def on_encoded(self, now_s: float, took_s: float, fps: float) -> bool:
+        """Note how long a frame took, of `fps` that come a second; return False when no step is low enough."""
         self._frames += 1
         if self._frames <= SETTLING_FRAMES:
             return True
-        share = min(MAX_SHARE, took_s / interval_s)
+        fps = min(fps, self.max_fps)
+        share = min(MAX_SHARE, took_s * fps)
         if self._frames == SETTLING_FRAMES + 1:
             self._share = share
         self._share += WEIGHT * (share - self._share)
-        if self._frames > JUDGED_FRAMES:
-            self._step(now_s)
-        return not self._is_overloaded(now_s)
+        return self._frames <= JUDGED_FRAMES or self._step(now_s, fps)
 
     def restart(self, now_s: float) -> None:
-        """Begin again with the preset in force, after a time without an encoder."""
-        self._overloaded_since_s = None
-        self._begin(now_s)
+        """Judge the steps in force anew, as after a time without an encoder."""
+        self._frames = 0
+        self._share = 0.0
+        self._room_since_s = now_s
+        self._overloaded_since_s: float | None = None
 
-    def _step(self, now_s: float) -> None:
-        if self._share >= EASY:
-            self._easy_since_s = now_s
+    def _step(self, now_s: float, fps: float) -> bool:
         if self._share > BUSY and self._at + 1 < len(PRESETS):
-            if now_s - self._slower_at_s < REGRET_S:
-                self._slower_after_s = min(MAX_SLOWER_AFTER_S, 2 * self._slower_after_s)
             self._at += 1
-            self._begin(now_s)
-        elif self._at and now_s - self._easy_since_s >= self._slower_after_s:
+            self._on_down(now_s)
+        elif self._is_overloaded(now_s):
+            if self.max_fps <= MIN_SLOWED_FPS:
+                return False
+            self.max_fps = max(MIN_SLOWED_FPS, RELIEVED * fps / self._share)
+            self._on_down(now_s)
+        elif not self._has_room(fps):
+            self._room_since_s = now_s
+        elif now_s - self._room_since_s >= self._up_after_s:
+            self._step_up(now_s, fps)
+        return True
+
+    def _has_room(self, fps: float) -> bool:
+        if self.max_fps == inf:
+            return self._at > 0 and self._share < EASY
+        return self._is_unneeded(fps) or FASTER * self.max_fps * self._share <= RELIEVED * fps
+
+    def _is_unneeded(self, fps: float) -> bool:
+        """Whether the camera gives clearly fewer frames than the maximum rate."""
+        return FASTER * fps <= self.max_fps
+
+    def _step_up(self, now_s: float, fps: float) -> None:
+        if self.max_fps == inf:
             self._at -= 1
-            self._slower_at_s = now_s
-            self._begin(now_s)
+        else:
+            self.max_fps = inf if self._is_unneeded(fps) else FASTER * self.max_fps
+        self._up_at_s = now_s
+        self.restart(now_s)
+
+    def _on_down(self, now_s: float) -> None:
+        if now_s - self._up_at_s < REGRET_S:
+            self._up_after_s = min(MAX_UP_AFTER_S, 2 * self._up_after_s)
+        self.restart(now_s)
 
     def _is_overloaded(self, now_s: float) -> bool:
-        if self._at + 1 < len(PRESETS) or self._share <= OVERLOADED:
+        if self._share <= OVERLOADED:
             self._overloaded_since_s = None
             return False
         if self._overloaded_since_s is None:
             self._overloaded_since_s = now_s
         return now_s - self._overloaded_since_s >= OVERLOADED_S
-
-    def _begin(self, now_s: float) -> None:
-        self._frames = 0
-        self._share = 0.0
-        self._easy_since_s = now_s
 
 
 class KeyFrameLimiter:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
+from math import inf
 from typing import NoReturn
 
 from robotether_common.codecs import CODECS, JPEG, Codec
@@ -16,7 +17,7 @@ from robotether_common.frames import ENCODER_STARTS, StreamRequest
 from robotether_agent.tasks import first_of
 from robotether_agent.video.encoder import COMMAND, VideoEncoder, availability
 from robotether_agent.video.encoder_messages import EncodedFrame, EncodeRequest, FrameRefusedError
-from robotether_agent.video.encoding import KeyFrameLimiter, PresetSteps, bits_per_s, encoded_size
+from robotether_agent.video.encoding import KeyFrameLimiter, LoadSteps, bits_per_s, encoded_size
 from robotether_agent.video.jpeg import jpeg_size
 from robotether_agent.video.quality import Level
 
@@ -24,6 +25,7 @@ from robotether_agent.video.quality import Level
 MAX_ENCODERS = 4
 FULL = f"this robot encodes {MAX_ENCODERS} other cameras"
 TOO_SLOW = "the encoder does not keep the camera's rate"
+SLOWED = "the robot's processor encodes no more than {:.0f} frames a second"
 # Time without an encoder after one that was too slow.
 TOO_SLOW_PAUSE_S = 60.0
 # Minimum rate that the encoder is told: it gives each frame its part of the bits a second.
@@ -91,7 +93,8 @@ class FrameEncoder:
         self._unavailable = availability(pool.setting)
         self._encoder = VideoEncoder(self._on_encoder, camera, pool.command, clock)
         self._key_frames = KeyFrameLimiter()
-        self._presets = PresetSteps(clock())
+        self._load = LoadSteps(clock())
+        self._requested_fps = StreamRequest.fps
         self.name: str | None = None
         self.size: tuple[int, int] | None = None
         self._own_size: tuple[int, int] | None = None
@@ -108,12 +111,24 @@ class FrameEncoder:
             return ""
         return self._unavailable or self._encoder.down_reason
 
+    @property
+    def max_fps(self) -> float:
+        """How many frames a second are encoded at most."""
+        return inf if self.codec is JPEG else self._load.max_fps
+
+    @property
+    def shortfall(self) -> str:
+        """Why a receiver that decodes more than JPEG gets JPEGs, or fewer frames; empty where it does not."""
+        if self.max_fps < self._requested_fps:
+            return SLOWED.format(self.max_fps)
+        return self.down_reason
+
     def use(self, stream_request: StreamRequest) -> None:
         """Encode in the first codec that the receiver decodes, as soon as the encoder runs."""
         requested = CODEC_BY_NAME[stream_request.codecs[0]]
         if requested is not self._requested:
             self._key_frames.request()
-        self._requested = requested
+        self._requested, self._requested_fps = requested, stream_request.fps
         if requested is JPEG:
             self._needed.clear()
             self._unneeded.set()
@@ -162,15 +177,16 @@ class FrameEncoder:
             height=size[1],
             bits_per_s=bits_of(level, own, stream_request),
             fps=max(MIN_FPS, requested_fps),
-            preset=self._presets.preset,
+            preset=self._load.preset,
             requests_key=self._key_frames.is_due(self._clock()),
         )
         frame = await self._encoder.encode(request)
         self.name, self.size = frame.encoder, size
-        self._pool.report(self, frame.encoder)
+        reason = self.shortfall
+        self._pool.report(self, f"{self.name}: {reason}" if reason else self.name)
         if frame.is_key:
             self._key_frames.on_key_frame(self._clock())
-        self._judge(frame.took_s, 1 / min(requested_fps, max(MIN_RATE, rate)))
+        self._judge(frame.took_s, min(requested_fps, max(MIN_RATE, rate)))
         return frame
 
     def _on_encoder(self) -> None:
@@ -179,10 +195,10 @@ class FrameEncoder:
             self._pool.report(self, f"none: {reason}")
         self._on_change()
 
-    def _judge(self, took_s: float, interval_s: float) -> None:
+    def _judge(self, took_s: float, fps: float) -> None:
         now_s = self._clock()
-        if not self._presets.on_encoded(now_s, took_s, interval_s):
-            self._presets.restart(now_s)
+        if not self._load.on_encoded(now_s, took_s, fps):
+            self._load.restart(now_s)
             self._encoder.fail(TOO_SLOW, min_pause_s=TOO_SLOW_PAUSE_S)
 
     async def _keep_ready(self) -> None:

@@ -289,14 +289,18 @@ class Receiver:
     def _follow(self) -> None:
         if self._stream_request is None or self._steps is None:
             return
-        rate = self._steps.level.rate if self._can_step() else 1.0
-        self._limiter.fps = self._stream_request.fps * rate
+        self._limiter.fps = self._fps(self._stream_request, self._steps)
         source_request = self._source_request(self._stream_request, self._steps)
         before = self._source_switch.source_request
         if self._passes_on and before is not None and before.passes_h264:
             # All else is the robot's.
             source_request = replace(before, passes_h264=source_request.passes_h264)
         self._source_switch.follow(source_request)
+
+    def _fps(self, stream_request: StreamRequest, steps: Steps) -> float:
+        """Return the rate that line and processor carry, in frames a second."""
+        rate = steps.level.rate if self._can_step() else 1.0
+        return min(stream_request.fps * rate, self._encoder.max_fps)
 
     def _source_request(self, stream_request: StreamRequest, steps: Steps) -> SourceRequest:
         fps, passes_h264 = stream_request.fps, H264.name in stream_request.codecs
@@ -377,6 +381,7 @@ class Receiver:
                 self._credit += 1
                 return None
             return self._unencoded(new)
+        self._limiter.fps = self._fps(self._stream_request, self._steps)
         return OutgoingFrame(new, encoded.data, codec, level.quality, basis, encoded.is_key)
 
     def _unencoded(self, new: NewFrame) -> OutgoingFrame:
@@ -455,7 +460,7 @@ class Receiver:
             condition,
             fps=round(self._sent.rate(now_s), 1),
             codec=None if self._codec is None else self._codec.name,
-            no_encoder=self._encoder.down_reason,
+            no_encoder=self._encoder.shortfall,
             **(self._encoded_status() if self._is_encoding else self._source_status()),
         )
         if status != self._status:

@@ -18,11 +18,11 @@ export const frame = {
   quality: (percent) => `${percent} %`,
   size: ({ width, height }) => `${width}×${height}`,
   codec: (codec) => CODECS[codec] ?? "",
-  // `reason`: why the robot does not encode; `isOnly`: this browser decodes nothing else.
+  // `reason`: why the robot does not encode, or not all; `isOnly`: this browser decodes nothing else.
   encoding: ({ codec, encoder, reason, isOnly }) => {
-    if (codec !== "jpeg") return encoder ? `${CODECS[codec]}, encoded by ${encoder}` : CODECS[codec];
-    if (isOnly) return "JPEG: this browser decodes nothing else here.";
-    return reason ? `JPEG: ${because(reason)}` : CODECS.jpeg;
+    if (codec === "jpeg" && isOnly) return "JPEG: this browser decodes nothing else here.";
+    const name = encoder && codec !== "jpeg" ? `${CODECS[codec]}, encoded by ${encoder}` : CODECS[codec];
+    return reason ? `${name}: ${because(reason)}` : name;
   },
   enlarge: (name) => `Show ${name} large`,
   // Why there is no new frame, by the words of client/frames.js.

@@ -119,6 +119,13 @@ test("a frame that is decoded after the stream has ended counts no more", async 
 
 for (const [name, codec, codecs, status, note] of [
   ["the encoder", "h264", ["h264", "jpeg"], { encoder: "libx264", no_encoder: "" }, "H.264, encoded by libx264"],
+  [
+    "why it makes few",
+    "h264",
+    ["h264", "jpeg"],
+    { encoder: "libx264", no_encoder: "the robot's processor is slow" },
+    "H.264, encoded by libx264: The robot's processor is slow.",
+  ],
   ["a camera's own", "h264", ["h264", "jpeg"], { encoder: null, no_encoder: "" }, "H.264"],
   ["why there is none", "jpeg", ["h264", "jpeg"], { no_encoder: "PyAV is not installed" }, "JPEG: PyAV is not installed."],
   ["what the browser lacks", "jpeg", ["jpeg"], { no_encoder: "" }, "JPEG: this browser decodes nothing else here."],

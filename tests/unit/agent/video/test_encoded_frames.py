@@ -12,7 +12,7 @@ from receiver_world import SIZE, World, unpacked
 from robotether_agent.clock import robot_time
 from robotether_agent.video import encoder as encoder_module
 from robotether_agent.video.encoder import COMMAND
-from robotether_agent.video.encoding import PresetSteps
+from robotether_agent.video.encoding import LoadSteps
 from robotether_agent.video.frame_encoder import EncoderPool, FrameEncoder
 from robotether_agent.video.sources import SourceRequest
 from robotether_common.codecs import H264, JPEG
@@ -79,7 +79,7 @@ async def test_key_frames_come_by_request_and_no_oftener_than_twice_a_second(
     make_world, monkeypatch
 ):
     # Another preset begins with a key frame, and a busy machine has another.
-    monkeypatch.setattr(PresetSteps, "on_encoded", lambda *_: True)
+    monkeypatch.setattr(LoadSteps, "on_encoded", lambda *_: True)
     world = make_world()
     await until_encoding(world)
     for number, picture in enumerate(clip(21, step=2)):
@@ -143,6 +143,27 @@ async def test_without_its_encoder_a_receiver_gets_jpegs_and_the_reason(make_wor
     )
     assert world.socket.texts[-1]["encoder"] is None
     await eventually(lambda: list(world.open)[-1].quality == 80, lambda: str(list(world.open)))
+
+
+async def test_a_processor_that_is_too_slow_gets_fewer_frames_and_the_status_says_so(make_world):
+    world = make_world()
+    await until_encoding(world)
+    world.receiver._encoder._load.max_fps = 5.0
+    first, *later = map(jpeg_of, clip(20, step=2))
+    await world.pass_on(first)
+    for jpeg in later:
+        world.socket.ask("credit")
+        world.give_data(jpeg)
+        await eventually(
+            lambda: not (world.receiver._waiting or world.receiver._to_encode), lambda: "it is out"
+        )
+    assert 9 <= len(world.socket.pictures) <= 11
+    world.receiver._check()
+    reason = "the robot's processor encodes no more than 5 frames a second"
+    await eventually(
+        lambda: world.socket.texts[-1].get("no_encoder") == reason, lambda: str(world.socket.texts)
+    )
+    assert world.reports[-1] == f"libx264: {reason}"
 
 
 async def test_a_frame_that_cannot_be_encoded_goes_out_as_it_came(make_world):

@@ -2,9 +2,10 @@
 
 import itertools
 from dataclasses import dataclass, field
+from math import inf
 
 import pytest
-from robotether_agent.video.encoding import PresetSteps, encoded_size
+from robotether_agent.video.encoding import MIN_SLOWED_FPS, LoadSteps, encoded_size
 from robotether_agent.video.quality import RATES, SCALES, Level, Steps, ladder
 from robotether_common.frames import StreamRequest
 
@@ -154,13 +155,15 @@ class Clock:
 
     def __init__(self):
         self.now_s = 0.0
-        self.steps = PresetSteps(0.0)
+        self.steps = LoadSteps(0.0)
 
     def run(self, seconds, share):
-        keeps = True
-        for _ in range(round(15 * seconds)):
-            self.now_s += INTERVAL_S
-            keeps = self.steps.on_encoded(self.now_s, share * INTERVAL_S, INTERVAL_S) and keeps
+        """Let frames come for a while; return whether the encoder kept up."""
+        keeps, end_s = True, self.now_s + seconds
+        while self.now_s < end_s - INTERVAL_S / 2:
+            fps = min(15, self.steps.max_fps)
+            self.now_s += 1 / fps
+            keeps = self.steps.on_encoded(self.now_s, share * INTERVAL_S, fps) and keeps
         return keeps
 
 
@@ -187,13 +190,34 @@ def test_the_preset_follows_the_processor(runs, preset):
     for seconds, share in runs:
         assert clock.run(seconds, share)
     assert clock.steps.preset == preset
+    assert clock.steps.max_fps == inf
 
 
-def test_the_fastest_preset_is_given_up_after_seconds_of_overload():
+@pytest.mark.parametrize(
+    ("runs", "fps"),
+    [
+        ([(20, 0.5)], inf),
+        # Not at once, and then to a rate that leaves room.
+        ([(3, 0.5), (2, 0.8), (1, 0.5), (2, 0.8)], inf),
+        ([(3, 0.5), (15, 0.8)], 7.5),
+        ([(3, 0.5), (15, 1.5)], MIN_SLOWED_FPS),
+        # It stays while there is no room, and goes up in steps while there is.
+        ([(3, 0.5), (15, 0.8), (120, 0.6)], 7.5),
+        ([(3, 0.5), (15, 0.8), (35, 0.2)], 11.25),
+        ([(3, 0.5), (15, 0.8), (140, 0.2)], inf),
+        # A step that was wrong is tried again ever later.
+        ([(3, 0.5), (15, 0.8), (35, 0.3), (15, 0.9), (50, 0.3)], 6.8),
+    ],
+)
+def test_an_overloaded_encoder_gets_fewer_frames_until_there_is_room(runs, fps):
     clock = Clock()
-    clock.run(3, 0.5)
+    for seconds, share in runs:
+        assert clock.run(seconds, share)
     assert clock.steps.preset == "ultrafast"
-    assert clock.run(10, 0.5)
-    assert clock.run(2, 0.9)
-    assert clock.run(1, 0.3)
-    assert not clock.run(6, 0.9)
+    assert clock.steps.max_fps == pytest.approx(fps, rel=0.1)
+
+
+def test_an_encoder_that_is_overloaded_at_the_lowest_rate_is_given_up():
+    clock = Clock()
+    assert clock.run(15, 1.5)
+    assert not clock.run(15, 2.0)
