@@ -220,7 +220,7 @@ def _recording(row: Row) -> Recording:
 
 
 def find_later(tx: Transaction, recording_id: int) -> int | None:
-    """Return the recording that goes on in place of one whose robot moved."""
+    """Return the recording that goes on in place of one whose robot moved or was renamed."""
     row = tx.row(
         "SELECT later.id FROM recordings r JOIN recordings later ON later.robot_id = r.robot_id"
         " AND later.first_asked_at = COALESCE(r.first_asked_at, r.asked_at) AND later.id > r.id WHERE r.id = %s"
@@ -344,12 +344,12 @@ def end(
 
 
 def ask_again(tx: Transaction, recording_id: int) -> None:
-    """Ask all cells' recorders for what somebody asked for, whose robot this cell has no longer."""
+    """Ask all cells' recorders for what somebody asked for, whose robot moved or has another name."""
     tx.change(
         "INSERT INTO recordings (robot_id, robot, cause, asked_by_id, asked_by, first_asked_at)"
-        " SELECT robot_id, robot, cause, asked_by_id, asked_by, COALESCE(first_asked_at, asked_at)"
-        " FROM recordings WHERE id = %s"
-        " AND cause = 'asked' AND stop_requested_at IS NULL AND delete_requested_at IS NULL",
+        " SELECT r.robot_id, b.name, r.cause, r.asked_by_id, r.asked_by, COALESCE(r.first_asked_at, r.asked_at)"
+        " FROM recordings r JOIN recorder_robots b ON b.id = r.robot_id WHERE r.id = %s"
+        " AND r.cause = 'asked' AND r.stop_requested_at IS NULL AND r.delete_requested_at IS NULL",
         (recording_id,),
     )
 

@@ -136,7 +136,7 @@ class RecorderStore:
         recordings.end(
             tx, recording_end.id, recording_end.code, recording_end.progress, recording_end.ended_at
         )
-        if recording_end.code == "robot_moved":
+        if recording_end.code in {"robot_moved", "robot_renamed"}:
             recordings.ask_again(tx, recording_end.id)
         audit.record(
             tx,

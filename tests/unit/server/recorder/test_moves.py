@@ -117,6 +117,22 @@ async def test_an_asked_recording_goes_on_where_the_robot_goes(
     assert rows(database)[2] == ("asked", "ann", "a", "too_long")
 
 
+async def test_an_asked_recording_goes_on_when_its_robot_is_renamed(
+    cells, database, robot_id, admin_database
+):
+    number = ask(database, robot_id)
+    await cells[0].report(HERE)
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE robots SET name = 'rover'")
+    for _ in range(2):
+        await cells[0].report(HERE)
+    assert rows(database) == [("asked", "ann", "a", "robot_renamed"), ("asked", "ann", "a", None)]
+    with database.transaction() as tx:
+        later = recording_service.stop(tx, users.get(tx, "ann"), number)
+    assert (later.id, later.robot) == (number + 1, "rover")
+    await cells[0].service.step()
+
+
 async def test_a_robot_that_moved_is_not_recorded_here_by_its_settings(
     cells, database, admin_database
 ):
