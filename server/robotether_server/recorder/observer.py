@@ -273,7 +273,7 @@ class RosbridgeObserver:
 
     async def _discover(self) -> None:
         while True:
-            answer = await self._call("topics")
+            answer = await self._call("topics") or {}
             pairs = _pairs(answer.get("topics"), answer.get("types"))
             topics = dict(itertools.islice(pairs, MAX_TOPICS))
             types = {topic: short_name(kind) for topic, kind in topics.items()}
@@ -308,6 +308,9 @@ class RosbridgeObserver:
     async def _subscribe(self, topic: str, kind: str) -> None:
         if (writer := self._writers.get(topic)) is not None:
             if writer.kind == kind and topic not in self._failing:
+                is_asked_again = kind not in self._types and await self._type(kind) is not None
+                if is_asked_again and self._writers.get(topic) is writer:
+                    self._writers[topic] = TopicWriter(self._robot, topic, kind, self._types[kind])
                 return
             # Its publisher has come back with another type; rosbridge passes none on while somebody has the old one.
             # Or the relay has refused it, for too many topics.
@@ -326,9 +329,12 @@ class RosbridgeObserver:
         )
 
     async def _type(self, kind: str) -> RosType | None:
-        """Ask what messages of a type are made up of; None: nobody can say, so they are written as text."""
+        """Ask what messages of a type are made up of; None: nobody can say, or not yet, so they are written as text."""
         if kind not in self._types:
             answer = await self._call("message_details", type=kind)
+            if answer is None:
+                # A busy robot's rosapi may be too slow now, and answer later.
+                return None
             try:
                 self._types[kind] = type_of(kind, answer.get("typedefs"))
             except UnknownTypeError as exc:
@@ -336,8 +342,8 @@ class RosbridgeObserver:
                 self._types[kind] = None
         return self._types[kind]
 
-    async def _call(self, service: str, **args: str) -> Mapping[str, Any]:
-        """Call a service of rosapi; one that fails or does not answer gives nothing."""
+    async def _call(self, service: str, **args: str) -> Mapping[str, Any] | None:
+        """Call a service of rosapi; one that fails gives nothing, None: it did not answer in time."""
         number = f"recorder:call:{next(self._numbers)}"
         answer: asyncio.Future[Mapping[str, Any]] = asyncio.get_running_loop().create_future()
         self._answers[number] = answer
@@ -347,7 +353,7 @@ class RosbridgeObserver:
                 return await answer
         except TimeoutError:
             self._answers.pop(number, None)
-            return {}
+            return None
 
     async def _send(self, **message: Any) -> None:
         await self._socket.send_str(json.dumps(message))

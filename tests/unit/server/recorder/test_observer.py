@@ -27,6 +27,8 @@ class RosbridgeSocket:
         self.throttles = {}
         # Why the relay refuses topics, by their names.
         self.refused, self.was_refused = {}, set()
+        # Services that do not answer.
+        self.silent = set()
         self._texts = asyncio.Queue()
 
     async def send_str(self, text):
@@ -39,11 +41,12 @@ class RosbridgeSocket:
                 self.was_refused.add(topic)
                 return
             self.throttles[topic] = message["throttle_rate"]
-            for content in self._messages:
-                await self._put(f'{{"op": "publish", "topic": "{topic}", "msg": {content}}}')
+            await self.publish(topic)
             return
         if message["op"] == "unsubscribe":
             self.throttles.pop(message["topic"], None)
+            return
+        if message["service"] in self.silent:
             return
         values = {
             "topics": list(self._topics),
@@ -52,6 +55,10 @@ class RosbridgeSocket:
         }
         answer = {"op": "service_response", "id": message["id"], "values": values, "result": True}
         await self._put(json.dumps(answer))
+
+    async def publish(self, topic):
+        for content in self._messages:
+            await self._put(f'{{"op": "publish", "topic": "{topic}", "msg": {content}}}')
 
     async def _put(self, text):
         await self._texts.put(WSMessage(WSMsgType.TEXT, text, None))
@@ -108,6 +115,23 @@ async def test_a_topic_that_comes_back_with_another_type_is_recorded_with_that(m
     async with asyncio.timeout(5):
         assert await channels.get() != "demo/msg/Speed"
         assert await channels.get() == "demo/msg/Speed"
+    observing.cancel()
+    await asyncio.gather(observing, return_exceptions=True)
+
+
+async def test_a_type_that_rosapi_describes_late_is_no_text_any_longer(monkeypatch):
+    monkeypatch.setattr(observer, "DISCOVER_EVERY_S", 0.01)
+    monkeypatch.setattr(observer, "ANSWER_WITHIN_S", 0.01)
+    socket, channels = RosbridgeSocket({"/speed": "demo/Speed"}, '{"value": 0.5}'), asyncio.Queue()
+    socket.silent.add("/rosapi/message_details")
+    observing = asyncio.create_task(observing_robot(socket, channels.put_nowait).run())
+    async with asyncio.timeout(5):
+        assert (await channels.get()).channel.type == "std_msgs/msg/String"
+        socket.silent.clear()
+        is_typed = False
+        while not is_typed:
+            await socket.publish("/speed")
+            is_typed = (await channels.get()).channel.type == "demo/msg/Speed"
     observing.cancel()
     await asyncio.gather(observing, return_exceptions=True)
 
