@@ -169,6 +169,8 @@ def _log_forward(config: SessionConfig, forward: Forward) -> None:
 
 async def _ask_for_checks(session: Session, recheck: asyncio.Event) -> None:
     """Ask how the robot looks from the server: when a forward is up, and now and then."""
+    # What was set before this session has a forward would use its first check up.
+    recheck.clear()
     await recheck.wait()
     while True:
         recheck.clear()

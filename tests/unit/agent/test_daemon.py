@@ -99,9 +99,13 @@ async def test_the_server_looks_again_at_a_service_that_came_back(
     monkeypatch.setattr("robotether_agent.tunnel.connection.CHECK_PAUSE_S", 0)
     services.refuse_sockets = True
     agent = start_agent(cloud)
-    await agent.until_connected()
     await agent.until(lambda status: status.ros == "down", "rosbridge is down")
+    await agent.until_connected()
     session = await cloud.link("session")
+    # There is nothing to look at before the configuration opens a tunnel.
+    assert session.received.index(session.of_type("check")[0]) > session.received.index(
+        session.of_type("ping")[0]
+    )
     # What was asked for as the tunnels opened comes before these.
     pings = len(session.of_type("ping"))
     await eventually(lambda: len(session.of_type("ping")) > pings + 3, lambda: "more pings")
