@@ -14,7 +14,7 @@ from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS, SITES
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.seen_robots import FREE, ControlState, SeenRobot
-from robotether_server.problems import RobotetherError
+from robotether_server.problems import FieldInvalidError, RobotetherError
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
 from robotether_server.services import robots
@@ -26,7 +26,9 @@ from robotether_server.web.confirmation import ConfirmedAction, Field, Words
 from robotether_server.web.forms import Saved, form
 from robotether_server.web.pages import setting_fields
 
-ROBOTS = Selection("robot")
+ROBOTS = Selection(
+    "robot", lambda tx: {seen.robot.mac: seen.robot.name for seen in seen_robots.list_all(tx)}
+)
 blueprint = Blueprint("robots", __name__)
 
 # Maximum number of sessions in a robot's history, and of sessions and events at first.
@@ -79,14 +81,18 @@ def _searched(seen: SeenRobot) -> list[str]:
 def show_all() -> str:
     """Show the robots that the search finds."""
     search = RobotSearch(request.args.get("q", "").strip(), request.args.get("state", ""))
+    if search.state not in dict(STATES):
+        states = ", ".join(state for state, _ in STATES if state)
+        raise FieldInvalidError(f"cannot use state {search.state!r}: it must be one of {states}")
     with context().database.transaction() as tx:
         everyone = seen_robots.list_seen(tx, current_user.get())
         control = seen_robots.control_of_all(tx)
         sites = SITES.names(tx)
         holders = grants.holders(tx)
     hits = [seen for seen in everyone if search.finds(seen, control.get(seen.robot.id, FREE))]
-    ticked = ROBOTS.of_list(seen.robot.name for seen in everyone)
-    first = max(request.args.get("page", 1, type=int) - 1, 0) * filters.PER_PAGE
+    ticked = ROBOTS.of_list(seen.robot.mac for seen in everyone)
+    last_page = max(len(hits) - 1, 0) // filters.PER_PAGE
+    first = min(max(request.args.get("page", 1, type=int) - 1, 0), last_page) * filters.PER_PAGE
     rows = hits[first : first + filters.PER_PAGE]
     return render_template(
         "admin/robots.html",
@@ -94,7 +100,7 @@ def show_all() -> str:
         first=first,
         pages=_pages(search, first, len(hits)),
         ticked=ticked,
-        others=[name for name in ticked if name not in {seen.robot.name for seen in rows}],
+        others=[mac for mac in ticked if mac not in {seen.robot.mac for seen in rows}],
         found=len(hits),
         total=len(everyone),
         sites=sites,

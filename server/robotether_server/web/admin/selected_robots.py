@@ -5,7 +5,6 @@ Each robot is changed, and written to the audit log, as alone; if one cannot be,
 
 from flask import Blueprint, request
 
-from robotether_server.api.context import context
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
@@ -21,13 +20,11 @@ from robotether_server.web.confirmation import ConfirmedAction, Words
 blueprint = Blueprint("selected_robots", __name__, url_prefix="/selected-robots")
 
 
-def _words() -> Words:
-    with context().database.transaction() as tx:
-        macs = [find(tx, name).robot.mac for name in ROBOTS.names()]
+def _words(tx: Transaction, names: list[str]) -> Words:
+    for name in names:
+        find(tx, name)
     site, holder = request.values.get("site", ""), request.values.get("holder", "")
     return {
-        "name": ", ".join(ROBOTS.names()),
-        "meant": " ".join(macs),
         "site": site,
         "where": f"at site {site}" if site else "at no site",
         "holder": holder,
@@ -43,7 +40,7 @@ def _place(tx: Transaction, source: Source, name: str) -> None:
 def _give(tx: Transaction, source: Source) -> None:
     grantee, level = grants.grantee(), forms.choice("level", "May", LEVELS)
     ends_at = grants.usual_end(tx)
-    for name in ROBOTS.names():
+    for name in ROBOTS.names(tx):
         grant_service.give(tx, source, grantee, Scope("robot", name), level, ends_at=ends_at)
 
 

@@ -7,7 +7,6 @@ from functools import partial
 
 from flask import Blueprint, request
 
-from robotether_server.api.context import context
 from robotether_server.db import Transaction, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
@@ -23,10 +22,8 @@ from robotether_server.web.confirmation import ConfirmedAction, Words
 blueprint = Blueprint("selected_users", __name__, url_prefix="/selected-users")
 
 
-def _words() -> Words:
-    names = USERS.names()
-    with context().database.transaction() as tx:
-        chosen = [users.get(tx, name) for name in names]
+def _words(tx: Transaction, names: list[str]) -> Words:
+    chosen = [users.get(tx, name) for name in names]
     admins = ", ".join(user.name for user in chosen if user.is_admin)
     is_among_them = current_user.get().name in names
     tokens_left = f"Join tokens of {admins} are deleted; the robots that they admitted stay."
@@ -52,7 +49,7 @@ def _add_to_group(tx: Transaction, source: Source, name: str) -> None:
 def _give(tx: Transaction, source: Source) -> None:
     scope, level = grants.chosen_scope(tx), forms.choice("level", "May", LEVELS)
     ends_at = grants.usual_end(tx)
-    for name in USERS.names():
+    for name in USERS.names(tx):
         grant_service.give(tx, source, Grantee("user", name), scope, level, ends_at=ends_at)
 
 

@@ -5,7 +5,7 @@ import re
 
 import pytest
 from admin_visitor import send
-from robotether_server.db import robots, users
+from robotether_server.db import robots, seen_robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import GROUPS, SITES, get, list_all
 from robotether_server.services import grants
@@ -143,19 +143,14 @@ def test_a_grant_is_taken_away_after_a_question(
 
 def test_a_page_from_before_changes_no_robot_that_has_got_the_name(admin, database):
     """Neither what was chosen there nor the answer to a question."""
-    questions = (
-        "/admin/sites/lab/robots/sim2/take-out",
-        "/admin/selected-robots/disable?robot=sim1",
-    )
-    pages = [
-        admin.ask("GET", path).text for path in ("/admin/users/ann", "/admin/sites/lab", *questions)
-    ]
-    [scope], [robot], [taken], [disabled] = (
-        re.findall(pattern, page)
-        for pattern, page in zip(
-            ('value="(robot:sim2 [^"]+)"', 'value="(sim1 [^"]+)"', *2 * ['"meant" value="(.+)"']),
-            pages,
-            strict=True,
+    question = "/admin/sites/lab/robots/sim2/take-out"
+    [scope], [robot], [taken], [ticked] = (
+        re.findall(pattern, admin.ask("GET", path).text)
+        for path, pattern in (
+            ("/admin/users/ann", 'value="(robot:sim2 [^"]+)"'),
+            ("/admin/sites/lab", 'value="(sim1 [^"]+)"'),
+            (question, '"meant" value="(.+)"'),
+            ("/admin/robots", 'value="(.+)" aria-label="Select sim1"'),
         )
     )
     with database.transaction() as tx:
@@ -167,8 +162,13 @@ def test_a_page_from_before_changes_no_robot_that_has_got_the_name(admin, databa
         ("/admin/users/ann/grants", FORM | {"scope": scope}),
         ("/admin/users/ann/grants", FORM | {"scope": "robot:sim1", "grant": str(number)}),
         ("/admin/sites/lab/robots", {"robot": robot}),
-        (questions[0], {"meant": taken}),
-        (questions[1], {"meant": disabled, "robots": "sim1"}),
+        (question, {"meant": taken}),
     ):
         assert send(admin, path, **form).status_code == 404, path
     assert (all_grants(database), audit_kinds(database)) == before
+    page = admin.ask("GET", "/admin/selected-robots/disable", query_string={"robot": ticked}).text
+    assert "<li>sim2</li>" in page
+    send(admin, "/admin/selected-robots/disable", robots=ticked)
+    with database.transaction() as tx:
+        states = {seen.robot.name: seen.robot.state for seen in seen_robots.list_all(tx)}
+    assert [name for name, state in states.items() if state == "disabled"] == ["sim2"]

@@ -12,7 +12,7 @@ ROBOT = RobotRow(
     report=Report("Turtle", "0.1.0", "198.51.100.9"),
 )  # fmt: skip
 SEEN = SeenRobot(ROBOT, online=True, since=None, level="manage", address="203.0.113.5")
-MAC = "02:00:00:00:51:01"
+MAC, OTHER_MAC = "02:00:00:00:51:01", "02:00:00:00:51:02"
 GRANT = {"holder": "user:ann", "scope": "robot:sim1", "level": "drive"}
 
 
@@ -77,12 +77,13 @@ def test_a_page_of_a_robot_changes_none_that_got_its_name_since(admin, database,
 
 def test_ticks_stay_where_a_search_shows_others(admin):
     assert "None of the 2 robots matches" in admin.ask("GET", "/admin/robots?q=ghost").text
-    page = admin.ask("GET", "/admin/robots?q=sim1&robot=sim1&robot=sim2&robot=ghost").text
+    query = {"q": "sim1", "robot": [MAC, OTHER_MAC, "02:00:00:00:51:99"]}
+    page = admin.ask("GET", "/admin/robots", query_string=query).text
     assert ("row-sim1" in page, "row-sim2" in page, "1 of 2" in page) == (True, False, True)
-    assert 'value="sim1" aria-label="Select sim1" checked' in page
-    assert '<input type="hidden" form="selected" name="robot" value="sim2">' in page
+    assert f'value="{MAC}" aria-label="Select sim1" checked' in page
+    assert f'<input type="hidden" form="selected" name="robot" value="{OTHER_MAC}">' in page
     assert "2 robots ticked, 1 not shown here" in page
-    assert "ghost" not in page
+    assert "51:99" not in page
     query = {"robot": [f"sim{number}" for number in range(101)]}
     answer = admin.ask("GET", "/admin/selected-robots/disable", query_string=query)
     assert "tick at most 100 robots at once" in answer.text
@@ -99,5 +100,7 @@ def test_a_list_of_robots_has_pages(admin, admin_database):
     first = admin.ask("GET", "/admin/robots").text
     second = admin.ask("GET", "/admin/robots?page=2").text
     assert [page.count('data-testid="row-') for page in (first, second)] == [50, 11]
+    assert admin.ask("GET", "/admin/robots?page=9").text == second
+    assert admin.ask("GET", "/admin/robots?state=zzz").status_code == 422
     assert 'href="/admin/robots?page=2">Next' in first
     assert 'href="/admin/robots?page=1">Previous' in second
