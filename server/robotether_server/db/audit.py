@@ -9,8 +9,9 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from ipaddress import IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 
-from robotether_server.contract.audit import AuditEvent
+from robotether_server.contract.audit import AUDIT_KINDS, AuditEvent
 from robotether_server.db.database import Transaction
+from robotether_server.problems import FieldInvalidError
 
 MAX_ACTOR_LENGTH = 63
 MAX_ADDRESS_LENGTH = 45
@@ -103,7 +104,10 @@ def find(
     before: int | None = None,
     limit: int = 100,
 ) -> list[AuditEvent]:
-    """Return the matching events, newest first; `before` is the id to continue from."""
+    """Return the matching events, newest first; `before` is the id to continue from.
+
+    Raises FieldInvalidError for a kind that neither this version nor the log has.
+    """
     values = {
         "robot = %s": search.robot,
         "actor = %s": search.actor,
@@ -119,6 +123,11 @@ def find(
         + " ORDER BY id DESC LIMIT %s",
         (*parameters.values(), limit),
     )
+    if not rows and before is None and search.kind not in {None, *AUDIT_KINDS}:
+        raise FieldInvalidError(
+            f"cannot find events of kind {search.kind!r}: there is no such kind; the filter of /admin/audit lists all",
+            "kind",
+        )
     return [AuditEvent(**row | {"details": json.loads(row["details"])}) for row in rows]
 
 

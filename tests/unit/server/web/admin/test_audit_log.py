@@ -54,7 +54,12 @@ def test_a_day_is_whole_and_a_wrong_one_is_said(admin, admin_database):
     for query in ("since=2026-02-01", "until=2026-01-30", "until=2026-01-31T23:59:59Z"):
         assert "Nothing matches" in admin.ask("GET", f"/admin/audit?actor=zoe&{query}").text
     # The last day that a computer knows has none after it.
-    for name, wrong in (("since", "soon"), ("until", "2026-02-30"), ("until", "9999-12-31")):
+    for name, wrong in (
+        ("since", "soon"),
+        ("until", "2026-02-30"),
+        ("until", "9999-12-31"),
+        ("kind", "misspelt"),
+    ):
         answer = admin.ask("GET", f"/admin/audit?{name}={wrong}")
         assert (answer.status_code, "form-problem" in answer.text) == (422, True), wrong
-        assert f'value="{wrong}"' in answer.text
+        assert wrong in answer.text
