@@ -16,7 +16,7 @@ from robotether_server.db.credentials import Token, TokenUse
 from robotether_server.db.join_tokens import JoinToken, Place
 from robotether_server.db.users import User
 from robotether_server.install_line import enrolment_lines
-from robotether_server.problems import RecordMissingError, StoreUnavailableError
+from robotether_server.problems import StoreUnavailableError
 from robotether_server.schemas import Label, UserName
 from robotether_server.services import tokens as token_service
 from robotether_server.settings.robot import Region
@@ -109,9 +109,7 @@ def create_token(caller: Caller, body: NewToken) -> Created[CreatedToken]:
 @operation("DELETE", "/tokens/<int:token_id>", "user")
 def delete_token(caller: Caller, token_id: int) -> None:
     """Delete an API token of the user, with the join tokens and SSH keys that it made; an admin may delete any."""
-    token = credentials.get_token(caller.tx, token_id)
-    if token.user != caller.user.name and not caller.user.is_admin:
-        raise RecordMissingError(f"cannot find token {token_id}: there is none of that number")
+    credentials.get_token(caller.tx, token_id, None if caller.user.is_admin else caller.user)
     token_service.delete(caller.tx, caller.source, token_id)
 
 

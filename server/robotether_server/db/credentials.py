@@ -175,10 +175,10 @@ def list_tokens_of(tx: Transaction, user: User) -> list[Token]:
     return [Token(**row) for row in rows]
 
 
-def get_token(tx: Transaction, token_id: int) -> Token:
-    """Return the token of that id; raise RecordMissingError."""
+def get_token(tx: Transaction, token_id: int, owner: User | None = None) -> Token:
+    """Return the token of that id, if it is this owner's; raise RecordMissingError."""
     row = tx.row(SELECT_TOKENS + "WHERE t.id = %s", (token_id,))
-    if row is None:
+    if row is None or (owner is not None and row["user"] != owner.name):
         raise RecordMissingError(f"cannot find token {token_id}: there is none of that number")
     return Token(**row)
 

@@ -3,7 +3,7 @@
 GET asks, POST does; an action that fails comes back with its form as it was filled in, and the sentence that says why.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from http import HTTPStatus
 
@@ -12,9 +12,7 @@ from markupsafe import escape
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.api.exports import R
-from robotether_server.db import Transaction
-from robotether_server.problems import RecordMissingError, RobotetherError
+from robotether_server.problems import RobotetherError
 from robotether_server.web import current_user
 from robotether_server.web.forms import METHODS, check_meant, go_on
 
@@ -124,13 +122,3 @@ def _ask(
     response = make_response(page)
     response.status_code = problem.status if problem else HTTPStatus.OK
     return response
-
-
-def pick(list_records: Callable[[Transaction], Iterable[R]], number: int, missing: str) -> R:
-    """Return the record of that number; raise RecordMissingError with this sentence."""
-    with context().database.transaction() as tx:
-        records = list_records(tx)
-    for record in records:
-        if record.id == number:
-            return record
-    raise RecordMissingError(missing)

@@ -136,8 +136,8 @@ def _usable(tx: Transaction) -> list[JoinToken]:
 
 
 def _token_words(token_id: int) -> Words:
-    missing = "cannot find that join token: it was already revoked"
-    token = confirmation.pick(join_tokens.list_all, token_id, missing)
+    with context().database.transaction() as tx:
+        token = join_tokens.get(tx, token_id)
     return {"token": token, "uses_left": token.uses - token.used}
 
 

@@ -68,8 +68,8 @@ def _waiting_words(name: str) -> Words:
 
 
 def _rejected_words(rejected_id: int) -> Words:
-    missing = "cannot find that rejected key: it may already ask again"
-    return {"key": confirmation.pick(db_robots.list_rejected_keys, rejected_id, missing)}
+    with context().database.transaction() as tx:
+        return {"key": db_robots.get_rejected_key(tx, rejected_id)}
 
 
 confirmation.register(

@@ -20,8 +20,8 @@ def show() -> str:
 
 
 def _words(token_id: int) -> Words:
-    missing = "cannot find that API token: it was already deleted"
-    return {"token": confirmation.pick(credentials.list_tokens, token_id, missing)}
+    with context().database.transaction() as tx:
+        return {"token": credentials.get_token(tx, token_id)}
 
 
 confirmation.register(

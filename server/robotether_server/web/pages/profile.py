@@ -11,7 +11,7 @@ from robotether_server.api.context import context
 from robotether_server.db import Transaction, credentials
 from robotether_server.db.audit import Source
 from robotether_server.db.credentials import TokenUse
-from robotether_server.db.users import is_unchanged, list_ssh_keys
+from robotether_server.db.users import get_ssh_key, is_unchanged, list_ssh_keys
 from robotether_server.install_line import site_of
 from robotether_server.problems import (
     FieldInvalidError,
@@ -116,9 +116,8 @@ def _log_out_everywhere(tx: Transaction, source: Source) -> None:
 
 
 def _key_words(key_id: int) -> Words:
-    missing = "cannot find that SSH key: it was already deleted, or is not yours"
-    own_keys = partial(list_ssh_keys, user=current_user.get())
-    return {"key": confirmation.pick(own_keys, key_id, missing)}
+    with context().database.transaction() as tx:
+        return {"key": get_ssh_key(tx, current_user.get(), key_id)}
 
 
 def _delete_key(tx: Transaction, source: Source, key_id: int) -> None:
@@ -127,9 +126,8 @@ def _delete_key(tx: Transaction, source: Source, key_id: int) -> None:
 
 def _token_words(token_id: int) -> Words:
     """Return a token of this user, and nobody else's."""
-    missing = "cannot find that API token: it was already deleted, or is not yours"
-    own_tokens = partial(credentials.list_tokens_of, user=current_user.get())
-    return {"token": confirmation.pick(own_tokens, token_id, missing)}
+    with context().database.transaction() as tx:
+        return {"token": credentials.get_token(tx, token_id, current_user.get())}
 
 
 CHANGE_PASSWORD = ConfirmedAction(
