@@ -10,12 +10,13 @@ from msgspec import UNSET, Meta, Struct, UnsetType, convert
 
 from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
-from robotether_server.db import grants
+from robotether_server.db import grants, seen_robots
 from robotether_server.db.grants import GROUPS, SITES, Grant, Group, Site
 from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import (
     GivenTimestamp,
     Level,
+    Mac,
     NewPlainName,
     PlainName,
     RobotName,
@@ -35,7 +36,8 @@ EXACTLY_ONE_OF_EACH = Meta(
         "allOf": [
             {"oneOf": [{"required": [kind]} for kind in kinds]}
             for kinds in (("user", "group"), ("robot", "site", "all"))
-        ]
+        ],
+        "dependentRequired": {"mac": ["robot"]},
     }
 )
 
@@ -48,11 +50,15 @@ class GivenLevel(Struct, forbid_unknown_fields=True):
 
 
 class NewGrant(GivenLevel):
-    """A grant: exactly one of user and group, and exactly one of robot, site and all."""
+    """A grant: exactly one of user and group, and exactly one of robot, site and all.
+
+    `mac`: that of the robot meant, as another one may have its name by now.
+    """
 
     user: UserName | UnsetType = UNSET
     group: PlainName | UnsetType = UNSET
     robot: RobotName | UnsetType = UNSET
+    mac: Mac | UnsetType = UNSET
     site: PlainName | UnsetType = UNSET
     all: Annotated[Literal[True], Meta(extra={"must": "true, or left out"})] | UnsetType = UNSET
 
@@ -114,7 +120,13 @@ def add_grant(
 
     200: it replaced another.
     """
-    grant, is_new = _give(caller, _grantee(body), _scope(body), body)
+    grantee, scope = _grantee(body), _scope(body)
+    if body.mac is not UNSET:
+        if scope.kind != "robot":
+            raise FieldInvalidError("cannot give a grant: mac is that of a robot", "mac")
+        to = "give a grant for"
+        seen_robots.require(caller.tx, caller.user, scope.name, "manage", to, mac=body.mac)
+    grant, is_new = _give(caller, grantee, scope, body)
     return grant, 201 if is_new else 200
 
 

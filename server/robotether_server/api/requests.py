@@ -9,9 +9,11 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server import schemas
 from robotether_server.api.auth import Caller
+from robotether_server.api.exports import RobotMac
 from robotether_server.api.operations import operation
 from robotether_server.db import requests, seen_robots
 from robotether_server.db.requests import Figures, HelpRequest, Priority, RequestPeriod
+from robotether_server.identity import normalise_mac
 from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import NewPlainName, PlainName, RobotName, UserName
 from robotether_server.services import operators
@@ -62,6 +64,7 @@ class RequestQuery(Struct, forbid_unknown_fields=True):
 
     state: Literal["open", "closed"] = "open"
     robot: RobotName | UnsetType = UNSET
+    mac: RobotMac | UnsetType = UNSET
 
 
 class HelpRequestList(Struct):
@@ -155,10 +158,12 @@ def ask_for_help(
 @operation("GET", "/requests", "user", tag="requests", renews_login=False, problems=(404,))
 def list_requests(caller: Caller, query: RequestQuery) -> HelpRequestList:
     """List requests of the robots that the caller may see."""
+    mac = None if query.mac is UNSET else normalise_mac(query.mac)
     if query.robot:
-        seen_robots.require(caller.tx, caller.user, query.robot, "observe", "list requests of")
+        to = "list requests of"
+        seen_robots.require(caller.tx, caller.user, query.robot, "observe", to, mac=mac)
     find = requests.list_open if query.state == "open" else requests.list_closed
-    found_requests = find(caller.tx, caller.user.id, query.robot or None)
+    found_requests = find(caller.tx, caller.user.id, query.robot or None, mac)
     return HelpRequestList([seen.request for seen in found_requests])
 
 

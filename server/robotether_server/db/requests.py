@@ -24,6 +24,7 @@ RequestSource = Literal[
 Priority = Annotated[int, Meta(ge=1, le=3, description="1 is urgent, 3 is low")]
 
 IS_OPEN = "h.state IN ('waiting', 'offered', 'accepted')"
+IS_OF_ROBOT = "(%(robot)s IS NULL OR r.name = %(robot)s) AND (%(mac)s IS NULL OR r.mac = %(mac)s)"
 # Its robots are those that the viewer may see.
 SELECT = (
     "SELECT h.id, r.name AS robot, r.mac, h.reason, h.source, h.priority, h.pool, h.asked_by, h.created_at, "
@@ -222,29 +223,34 @@ def get(tx: Transaction, viewer_id: int, request_id: int) -> SeenRequest:
     return _seen(row)
 
 
-def list_open(tx: Transaction, viewer_id: int, robot: str | None = None) -> list[SeenRequest]:
+def list_open(
+    tx: Transaction, viewer_id: int, robot: str | None = None, mac: str | None = None
+) -> list[SeenRequest]:
     """Return the open requests that the viewer may see, the most urgent first, then the oldest."""
     if tx.row(f"SELECT 1 FROM help_requests h WHERE {IS_OPEN} LIMIT 1") is None:  # noqa: S608 - the module's own text
         # Rights cost much more, and queues are read each second.
         return []
     rows = tx.rows(
-        SELECT
-        + f"WHERE {IS_OPEN} AND (%(robot)s IS NULL OR r.name = %(robot)s) "
-        + "ORDER BY h.priority, h.created_at, h.id",
-        {"viewer": viewer_id, "robot": robot},
+        SELECT + f"WHERE {IS_OPEN} AND {IS_OF_ROBOT} ORDER BY h.priority, h.created_at, h.id",
+        {"viewer": viewer_id, "robot": robot, "mac": mac},
     )
     return [_seen(row) for row in rows]
 
 
 def list_closed(
-    tx: Transaction, viewer_id: int, robot: str | None = None, *, limit: int = 100
+    tx: Transaction,
+    viewer_id: int,
+    robot: str | None = None,
+    mac: str | None = None,
+    *,
+    limit: int = 100,
 ) -> list[SeenRequest]:
     """Return the requests that were closed last and that the viewer may see, the newest first."""
     rows = tx.rows(
         SELECT
-        + "WHERE h.closed_at IS NOT NULL AND (%(robot)s IS NULL OR r.name = %(robot)s) "
+        + f"WHERE h.closed_at IS NOT NULL AND {IS_OF_ROBOT} "
         + "ORDER BY h.closed_at DESC, h.id DESC LIMIT %(limit)s",
-        {"viewer": viewer_id, "robot": robot, "limit": limit},
+        {"viewer": viewer_id, "robot": robot, "mac": mac, "limit": limit},
     )
     return [_seen(row) for row in rows]
 

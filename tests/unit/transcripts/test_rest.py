@@ -214,6 +214,9 @@ def test_grants(talk, sim1, recorded):
     talk.ask("root", "POST", "/grants", body | {"group": "lab"})
     talk.ask("root", "POST", "/grants", body | {"level": "own"})
     talk.ask("root", "POST", "/grants", body | {"ends_at": "tomorrow"})
+    of_another = {"user": "ann", "robot": "sim2", "mac": "02:00:00:00:51:99", "level": "drive"}
+    talk.ask("root", "POST", "/grants", of_another)
+    talk.ask("root", "POST", "/grants", body | {"mac": of_another["mac"]})
     talk.ask("ann", "GET", "/grants")
     talk.ask("root", "GET", "/grants")
     talk.ask("root", "DELETE", "/grants/{grant_id}", grant_id=made)
