@@ -7,12 +7,10 @@ robot's policy. Pure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, Literal, get_args
 
 from msgspec import Meta, Struct, structs
 
-from robotether_server import schemas
 from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import RosName, setting
 
@@ -186,11 +184,6 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 DEFAULTS = PageSettings()
-
-
-def parse(raw: Mapping[str, object]) -> PageSettings:
-    """Return what this JSON object means; raise FieldInvalidError, which names the member."""
-    return check(schemas.read(raw, PageSettings, "page."))
 
 
 def check(page: PageSettings) -> PageSettings:

@@ -4,7 +4,7 @@ import drive_settings
 import pytest
 from drive_settings import LIGHTS
 from robotether_server.problems import FieldInvalidError
-from robotether_server.settings.buttons import MAX_BUTTONS, MAX_FIELDS_BYTES, parse, parse_one
+from robotether_server.settings.buttons import MAX_FIELDS_BYTES, parse, parse_one
 
 DOCK = {**drive_settings.DOCK, "type": ""}
 
@@ -40,19 +40,3 @@ def test_buttons_can_be_compared():
 def test_a_wrong_value_is_named(button, member, value):
     with pytest.raises(FieldInvalidError, match=rf"cannot use buttons\.2\.{member}: "):
         parse([{**button, "name": "Other"}, {**button, member: value}])
-
-
-@pytest.mark.parametrize(
-    ("given", "why"),
-    [
-        ({}, "buttons: it must be a list"),
-        ([LIGHTS] * (MAX_BUTTONS + 1), "buttons: it must be a list of at most"),
-        ([LIGHTS, {**DOCK, "name": "Lights on"}], "buttons: there are two of the name 'Lights on'"),
-        ([LIGHTS, "Dock"], "buttons.2: it must be a JSON object"),
-        ([{**DOCK, "msg": {}}], "buttons.1: 'msg' is not a setting"),
-    ],
-)
-def test_what_is_no_list_of_buttons_is_refused(given, why):
-    """A name stands once, and a button has the members of its kind alone."""
-    with pytest.raises(FieldInvalidError, match=f"cannot use {why}"):
-        parse(given)
