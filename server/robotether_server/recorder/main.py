@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import os
 import signal
 import sys
@@ -19,8 +18,6 @@ from robotether_server.recorder.service import RecorderService
 from robotether_server.recorder.store import RecorderStore
 from robotether_server.settings.server import RecorderSettings, load
 from robotether_server.tasks import run_until_first
-
-log = logging.getLogger(__name__)
 
 # Port of the health check, inside the container alone.
 HEALTH_PORT = 9101

@@ -64,8 +64,7 @@ class _Viewer:
 class ViewerStats:
     """The counts of one robot, by user."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
+    def __init__(self) -> None:
         self._viewers: dict[int, _Viewer] = {}
 
     def count(self, user_id: int, size: int) -> None:
@@ -79,19 +78,19 @@ class ViewerStats:
         """Count the time inside the block as watched; blocks at the same time count once."""
         viewer = self._viewers.setdefault(user_id, _Viewer())
         if not viewer.open:
-            viewer.open_since = self._clock()
+            viewer.open_since = time.monotonic()
         viewer.open += 1
         try:
             yield
         finally:
             viewer.open -= 1
             if not viewer.open:
-                viewer.viewed_s += self._clock() - viewer.open_since
+                viewer.viewed_s += time.monotonic() - viewer.open_since
 
     def of(self, user_id: int) -> ViewerCounts:
         """Return what this user got of the robot since the relay's start."""
         viewer = self._viewers.get(user_id, _Viewer())
-        open_s = self._clock() - viewer.open_since if viewer.open else 0.0
+        open_s = time.monotonic() - viewer.open_since if viewer.open else 0.0
         return ViewerCounts(viewer.frames, viewer.bytes, viewer.viewed_s + open_s)
 
 

@@ -94,11 +94,8 @@ class LinkChecks:
     Requests in between get one answer after the pause, about the newest forwards.
     """
 
-    def __init__(
-        self, check: Callable[[], Awaitable[None]], *, every_s: float = CHECK_EVERY_S
-    ) -> None:
+    def __init__(self, check: Callable[[], Awaitable[None]]) -> None:
         self._check = check
-        self._every_s = every_s
         self._is_due = False
         self._task: asyncio.Task[None] | None = None
 
@@ -120,7 +117,7 @@ class LinkChecks:
                 await self._check()
             except Exception:
                 log.exception("cannot check a robot's ports")
-            await asyncio.sleep(self._every_s)
+            await asyncio.sleep(CHECK_EVERY_S)
         self._task = None
 
 
