@@ -11,6 +11,7 @@ key, nor send anything to a host whose key it has not checked, or to one that is
 import base64
 import glob
 import logging
+import re
 import shlex
 import socket
 import subprocess
@@ -39,6 +40,7 @@ CONNECT_TIMEOUT_S = 10.0
 ANSWER_WITHIN_S = 10
 LOGIN_TIMEOUT_S = 30
 KEEPALIVE_S = 10
+BETWEEN_PATHS = re.compile(r"\s+(?=[/~]|none$)")
 # Exit status of ssh-keygen for a name that is in no line.
 NOT_FOUND = 1
 # Reason code for a prohibited channel (RFC 4254, 5.1).
@@ -215,10 +217,9 @@ def _address(host: str, port: int) -> str:
 
 
 def _paths(*values: str) -> tuple[Path, ...]:
-    words = [
-        word for value in values for word in value.split() if word not in ("none", "/dev/null")
-    ]
-    return tuple(Path(word).expanduser() for word in words)
+    """Return the files of some values; `ssh -G` quotes no spaces in their paths, which are absolute."""
+    names = [name for value in values for name in BETWEEN_PATHS.split(value)]
+    return tuple(Path(name).expanduser() for name in names if name not in ("none", "/dev/null", ""))
 
 
 class KnownKey(NamedTuple):

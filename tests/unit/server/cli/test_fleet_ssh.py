@@ -4,6 +4,7 @@ import os
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import paramiko
 import pytest
@@ -231,6 +232,15 @@ def test_sentence_says_what_is_wrong_here(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "")
     with pytest.raises(FleetError, match="install OpenSSH's client"):
         fleet_ssh.resolve("sim1", config)
+
+
+def test_paths_may_have_spaces(tmp_path):
+    config, folder = tmp_path / "config", tmp_path / "ann lee"
+    files = f'IdentityFile "{folder}/id"\nUserKnownHostsFile "{folder}/known" /b\n'
+    config.write_text(f"Host sim1\n{files}GlobalKnownHostsFile none\n")
+    target = fleet_ssh.resolve("sim1", config)
+    assert target.identity_files == (folder / "id",)
+    assert target.known_hosts == (folder / "known", Path("/b"))
 
 
 def test_patterns_choose_what_the_server_printed(tmp_path, monkeypatch):
