@@ -29,7 +29,7 @@ from robotether_agent.video.encoder_messages import (
     FrameRefusedError,
     refusal,
 )
-from robotether_agent.video.jpeg import jpeg_size
+from robotether_agent.video.newest_jpegs import reason_of
 
 # Part of the rate that an encoder was opened with to which it may fall on the open one: a step of the quality and back.
 # The bound of one frame's bits stays, since PyAV does not change it; so a lower rate needs a new encoder.
@@ -221,27 +221,21 @@ class FrameTranscoder:
         except (FrameRefusedError, av.FFmpegError, MemoryError, ValueError) as error:
             # What it may have encoded nobody gets: the next frame begins a new sequence.
             self._encoder = None
-            raise FrameRefusedError(f"the encoder failed: {error}") from error
+            raise FrameRefusedError(f"the encoder failed: {reason_of(error)}") from error
         return EncodedFrame(data, is_key, encoder.kind.name, time.perf_counter() - began_s)
 
     def _decoded(self, jpeg: bytes) -> Any:
-        size = jpeg_size(jpeg)
-        if size is None or max(size) > MAX_SIDE:
-            raise FrameRefusedError(
-                "the camera's frame is not a JPEG"
-                if size is None
-                else f"the camera's frame claims {size[0]}x{size[1]} pixels"
-            )
         if self._decoder is None:
             self._decoder = av.CodecContext.create("mjpeg", "r")
             self._decoder.thread_count = 1
-            # Its header may be followed by another one, which claims more.
             self._decoder.options = {"max_pixels": str(MAX_SIDE * MAX_SIDE)}
         try:
             (frame,) = self._decoder.decode(av.Packet(jpeg))
         except (av.FFmpegError, MemoryError, ValueError) as error:
             self._decoder = None
-            raise FrameRefusedError(f"the camera's JPEG cannot be decoded: {error}") from error
+            raise FrameRefusedError(
+                f"the camera's JPEG cannot be decoded: {reason_of(error)}"
+            ) from error
         return frame
 
     def _encoder_for(self, request: EncodeRequest, frame: Any) -> OpenEncoder:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, sqrt
 
-from robotether_common.frames import KEY_FRAME_EVERY_S
+from robotether_common.frames import KEY_FRAME_EVERY_S, MAX_SIDE
 
 from robotether_agent.video.encoder_messages import PRESETS
 
@@ -18,6 +18,8 @@ TENFOLD = 60
 EXPONENT, RATED_FPS = -0.25, (5.0, 60.0)
 MIN_BITS_PER_S = 20_000
 MIN_SIDE = 16
+# Maximum number of pixels of an encoded frame: more take too much time and memory of a robot.
+MAX_PIXELS = 1920 * 1080
 # Part of a frame's interval that encoding may take, and below which there is room for a slower preset.
 BUSY, EASY = 0.3, 0.1
 # Part of the interval above which the fastest preset does not keep the rate, the time until that is certain, and the
@@ -49,9 +51,10 @@ def bits_per_s(quality: int, size: tuple[int, int], fps: float) -> int:
 def encoded_size(
     own: tuple[int, int], requested: tuple[int, int] | None, scale: float
 ) -> tuple[int, int]:
-    """Return the size of an encoded frame: the camera's shape, within what is requested, times `scale`; sides even."""
+    """Return the size of an encoded frame: the camera's shape, within what is requested and MAX_PIXELS; sides even."""
     if requested is not None:
         scale *= min(1.0, requested[0] / own[0], requested[1] / own[1])
+    scale = min(scale, sqrt(MAX_PIXELS / (own[0] * own[1])), MAX_SIDE / max(own))
     # A hundredth of a pixel: 0.35 times 640 is 223.99999.
     width, height = (max(MIN_SIDE, int(side * scale + 0.01) // 2 * 2) for side in own)
     return width, height

@@ -18,7 +18,6 @@ from robotether_agent.tasks import first_of
 from robotether_agent.video.encoder import COMMAND, VideoEncoder, availability
 from robotether_agent.video.encoder_messages import EncodedFrame, EncodeRequest, FrameRefusedError
 from robotether_agent.video.encoding import KeyFrameLimiter, LoadSteps, bits_per_s, encoded_size
-from robotether_agent.video.jpeg import jpeg_size
 from robotether_agent.video.quality import Level
 
 # Maximum number of cameras that are encoded at once; each takes some 20 MB, with 1920x1080 64.
@@ -143,9 +142,9 @@ class FrameEncoder:
             return None
         return lambda level: bits_of(level, own, stream_request) <= part
 
-    def note_size(self, jpeg: bytes) -> None:
-        """Note the size of a camera's frame, which is sent as it came."""
-        self._own_size = jpeg_size(jpeg)
+    def note_size(self, size: tuple[int, int] | None) -> None:
+        """Note the size of the next frame, None if that is not a JPEG."""
+        self._own_size = size
 
     def request_key_frame(self) -> None:
         """Make one of the next frames a key frame."""
@@ -163,11 +162,10 @@ class FrameEncoder:
     async def encode(
         self, jpeg: bytes, level: Level, stream_request: StreamRequest, rate: float
     ) -> EncodedFrame:
-        """Return a camera's frame at a level; `rate` is the camera's in frames a second. Raises EncoderError."""
-        own = jpeg_size(jpeg)
+        """Return a frame of the size that was noted; `rate` is the camera's in frames a second. Raises EncoderError."""
+        own = self._own_size
         if self.codec is JPEG or own is None:
             raise FrameRefusedError(self.down_reason or "the camera's frame is not a JPEG")
-        self._own_size = own
         size = encoded_size(own, requested_size(stream_request), level.scale)
         requested_fps = stream_request.fps * level.rate
         request = EncodeRequest(

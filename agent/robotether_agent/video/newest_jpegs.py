@@ -31,7 +31,7 @@ class CameraFailedError(DetailError):
 
 def reason_of(error: Exception) -> str:
     """Return why there are no frames. Of FFmpeg's words the reason alone: the rest may have the camera's URL."""
-    if isinstance(error, CameraFailedError):
+    if isinstance(error, DetailError):
         return error.message
     if isinstance(error, MemoryError):
         return "this machine has no memory left"

@@ -11,6 +11,7 @@ import asyncio
 import json
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -19,9 +20,9 @@ from robotether_common.codecs import H264, JPEG, Codec
 from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest, VideoStatus
 
 from robotether_agent.clock import robot_time
-from robotether_agent.tasks import first_of
+from robotether_agent.tasks import first_of, within
 from robotether_agent.video.encoder_messages import EncoderError
-from robotether_agent.video.encoding import MIN_SIDE
+from robotether_agent.video.encoding import encoded_size
 from robotether_agent.video.frame_encoder import EncoderPool, FrameEncoder, requested_size
 from robotether_agent.video.frame_messages import (
     ClockSync,
@@ -49,6 +50,9 @@ MAX_IN_FLIGHT = 8
 SOURCE_QUALITY = 90
 # Time over which frames are counted for a rate.
 COUNTED_S = 2.0
+# Interval between looks at the camera's own size while another one is requested, time limit for that frame, and its
+# quality.
+SIZE_EVERY_S, SIZE_WITHIN_S, SIZE_QUALITY = 30.0, 10.0, 1
 # What a status names as the encoder of H.264 that the robot's own nodes publish.
 OWN_ENCODER = "the camera"
 
@@ -140,6 +144,7 @@ class Receiver:
         self._steps_quality = steps_quality
         self._can_scale = True
         self._own_size: tuple[int, int] | None = None
+        self._shared_sources = shared_sources
         self._source_switch = SourceSwitch(shared_sources, self._on_frame, clock)
         self._encoder = FrameEncoder(encoders or EncoderPool(), topic, self._on_encoder, clock)
         self._stream_request: StreamRequest | None = None
@@ -176,6 +181,7 @@ class Receiver:
                 self._listen(),
                 self._send(),
                 self._keep_checking(),
+                self._keep_size(),
                 self._encode(),
                 self._encoder.run(),
             )
@@ -307,18 +313,25 @@ class Receiver:
         if not self._steps_quality():
             return SourceRequest(self._topic, 0, None, None, fps, passes_h264)
         level = Level(SOURCE_QUALITY) if self._is_encoding else steps.level
-        width, height = stream_request.width, stream_request.height
-        if level.scale < 1:
-            whole = requested_size(stream_request) or self._own_size
-            if whole is not None:
-                width, height = (max(MIN_SIDE, int(side * level.scale) // 2 * 2) for side in whole)
+        width, height = self._source_size(requested_size(stream_request), level) or (None, None)
         return SourceRequest(self._topic, level.quality, width, height, fps, passes_h264)
+
+    def _source_size(
+        self, requested: tuple[int, int] | None, level: Level
+    ) -> tuple[int, int] | None:
+        """Return the size that is asked of the source, in the camera's shape if that is known; None: its own."""
+        own = self._own_size
+        if own is None:
+            return requested and encoded_size(requested, None, level.scale)
+        if requested is None and level.scale == 1 and not self._is_encoding:
+            return None
+        size = encoded_size(own, requested, level.scale)
+        # Sides are even.
+        return size if size[0] < own[0] - 1 else None
 
     def _on_frame(self, frame: CameraFrame, source_request: SourceRequest) -> None:
         now_s = self._clock()
         self._sequence = (self._sequence + 1) % SEQUENCES
-        if self._own_size is None and source_request.width is None:
-            self._learn_size(frame)
         self._note_codec(frame)
         if not self._passes_on and not self._limiter.allows(now_s):
             return
@@ -332,10 +345,36 @@ class Receiver:
             self._passes_on = is_encoded
             self._use_encoder()
 
-    def _learn_size(self, frame: CameraFrame) -> None:
-        self._own_size = jpeg_size(frame.data)
-        if self._own_size is not None and self._stream_request is not None:
+    def _note_size(self, new: NewFrame) -> None:
+        """Note the size of the frame that is sent next."""
+        size = jpeg_size(new.frame.data) if new.frame.codec is JPEG else None
+        self._encoder.note_size(size)
+        if new.source_request.width is None:
+            self._learn_size(size)
+
+    def _learn_size(self, size: tuple[int, int] | None) -> None:
+        """Note the camera's own size, or that it has another one now."""
+        if size is None or size == self._own_size:
+            return
+        self._own_size = size
+        if self._stream_request is not None:
             self._use_levels(self._stream_request)
+            self._follow()
+
+    async def _keep_size(self) -> None:
+        """Learn the camera's own size now and then while its frames are requested in another one.
+
+        web_video_server makes the requested size of any shape.
+        """
+        while True:
+            await asyncio.sleep(CHECK_EVERY_S if self._own_size is None else SIZE_EVERY_S)
+            sized = self._source_switch.source_request
+            is_live = self._source_switch.condition().state == "live"
+            if is_live and sized is not None and sized.width is not None:
+                whole = replace(sized, quality=SIZE_QUALITY, width=None, height=None)
+                with suppress(asyncio.TimeoutError):
+                    frame = await within(SIZE_WITHIN_S, self._shared_sources.one_frame(whole))
+                    self._learn_size(jpeg_size(frame.data))
 
     async def _send(self) -> None:
         while True:
@@ -349,6 +388,7 @@ class Receiver:
                 self._wake.set()
             elif self._credit and self._to_encode is None and (new := self._waiting.next()):
                 self._credit -= 1
+                self._note_size(new)
                 if self._is_encoding and new.frame.codec is JPEG:
                     self._to_encode = new
                     self._has_to_encode.set()
@@ -389,7 +429,6 @@ class Receiver:
         quality = new.source_request.quality if can_step else 0
         basis = None if self._is_encoding else (new.source_request, None)
         frame = new.frame
-        self._encoder.note_size(frame.data)
         return OutgoingFrame(new, frame.data, frame.codec, quality, basis, frame.is_key)
 
     async def _send_frame(self, outgoing: OutgoingFrame) -> None:

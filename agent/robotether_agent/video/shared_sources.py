@@ -155,6 +155,20 @@ class SharedSources:
             self._closing.add(closing)
             closing.add_done_callback(self._closing.discard)
 
+    async def one_frame(self, source_request: SourceRequest) -> CameraFrame:
+        """Return the next frame of a request, beside what is followed."""
+        coming: asyncio.Future[CameraFrame] = asyncio.get_running_loop().create_future()
+
+        def on_frame(frame: CameraFrame) -> None:
+            if not coming.done():
+                coming.set_result(frame)
+
+        shared = self.follow(source_request, coming, on_frame)
+        try:
+            return await coming
+        finally:
+            self.leave(shared, coming)
+
     async def close(self) -> None:
         """Close all sources."""
         tasks = [*self._closing, *(shared.end() for shared in self._shared_sources.values())]

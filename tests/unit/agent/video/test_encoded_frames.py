@@ -58,7 +58,7 @@ async def until_encoding(world, **fields):
 async def test_every_frame_that_goes_out_can_be_decoded_after_those_before_it(make_world):
     """Though two of three are skipped for want of credit, and the source is asked for a size alone."""
     world, decoder = make_world(), Decoder()
-    await until_encoding(world, quality_max=60, width=320, height=240)
+    await until_encoding(world, quality_max=60, width=160, height=120)
     for number, picture in enumerate(clip(30, step=2)):
         world.give_data(jpeg_of(picture))
         if number % 3 == 2:
@@ -70,9 +70,9 @@ async def test_every_frame_that_goes_out_can_be_decoded_after_those_before_it(ma
     assert [header.is_key for header in headers] == [True] + 9 * [False]
     assert {(header.codec, header.quality) for header in headers} == {(H264, 60)}
     for message in world.socket.pictures:
-        assert decoder.decode(message[SIZE:]).shape == (240, 320, 3)
+        assert decoder.decode(message[SIZE:]).shape == (120, 160, 3)
     assert world.sent == [("/camera", each.sequence, each.timestamp_ms / 1000) for each in headers]
-    assert list(world.open)[-1] == SourceRequest("/camera", 90, 320, 240, 15.0, passes_h264=True)
+    assert list(world.open)[-1] == SourceRequest("/camera", 90, 160, 120, 15.0, passes_h264=True)
 
 
 async def test_key_frames_come_by_request_and_no_oftener_than_twice_a_second(

@@ -123,9 +123,9 @@ def lying_twice(jpeg):
 @pytest.mark.parametrize(
     ("jpeg", "reason"),
     [
-        (b"\xff\xd8 and no more", "not a JPEG"),
+        (b"\xff\xd8 and no more", "cannot be decoded"),
         (fake_jpeg(1), "cannot be decoded"),
-        (fake_jpeg(1, size=(60000, 60000)), "60000x60000"),
+        (fake_jpeg(1, size=(60000, 60000)), "cannot be decoded"),
         (lying_twice(jpeg_of(next(clip(1, step=0)))), "cannot be decoded"),
     ],
     ids=["no_header", "no_data", "lying_header", "second_header"],
@@ -147,7 +147,7 @@ async def test_frames_refused_in_a_row_end_the_encoder(start):
     for _ in range(3):
         with pytest.raises(FrameRefusedError):
             await encoder.encode(replace(NOTHING, jpeg=b"\xff\xd8"))
-    assert "not a JPEG" in encoder.down_reason
+    assert "cannot be decoded" in encoder.down_reason
 
 
 def of_process(pid, name):

@@ -144,6 +144,10 @@ INTERVAL_S = 1 / 15
         ((640, 480), (1280, 960), 0.5, (320, 240)),
         ((1280, 720), (640, 360), 0.35, (224, 126)),
         ((30, 2000), None, 0.35, (16, 700)),
+        # No robot encodes more, and no page decodes longer sides.
+        ((7680, 4320), None, 1.0, (1920, 1080)),
+        ((3840, 2160), (3840, 2160), 0.5, (1920, 1080)),
+        ((8192, 200), None, 1.0, (4096, 100)),
     ],
 )
 def test_a_size_keeps_the_cameras_shape_and_never_grows(own, requested, scale, size):

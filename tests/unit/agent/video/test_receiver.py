@@ -4,8 +4,10 @@ import itertools
 from random import Random
 
 import pytest
+from fake_cameras import fake_jpeg
 from fake_cloud import eventually
 from receiver_world import FIRST, SIZE, World, unpacked
+from robotether_agent.video import receiver as receiver_module
 from robotether_agent.video.receiver import FrameRateLimiter
 from robotether_agent.video.sources import CameraFrame, SourceRequest
 from robotether_agent.video.waiting_frames import HELD_S, MAX_WAITING, NewFrame, WaitingFrames
@@ -196,3 +198,25 @@ def test_a_robot_that_makes_no_key_frames_is_named():
     assert "no key frame for 3 s" in waiting.lack(13.0)
     put(waiting, "K", at_s=13.0)
     assert waiting.lack(20.0) == ""
+
+
+async def test_a_source_is_asked_for_the_shape_that_the_camera_has_now(world, monkeypatch):
+    """web_video_server makes the requested size of any shape, also after a camera has got another one."""
+    monkeypatch.setattr(receiver_module, "SIZE_EVERY_S", 0.01)
+    world.socket.ask("stream_request", width=320, height=240)
+    await world.until_open()
+    for own, asked in (
+        ((640, 480), (320, 240)),
+        ((640, 360), (320, 180)),
+        ((300, 200), (None, None)),
+    ):
+
+        def is_asked(own=own, asked=asked):
+            for request, take in tuple(world.open.items()):
+                world.now_s += 0.01
+                size = own if request.width is None else (request.width, request.height)
+                take(CameraFrame(fake_jpeg(1, size=size), world.now_s, world.now_s))
+            request = world.receiver._source_switch.source_request
+            return world.receiver._own_size == own and (request.width, request.height) == asked
+
+        await eventually(is_asked, lambda: str(list(world.open)))
