@@ -21,6 +21,11 @@ export function noteScript(page = document) {
   part(page, "unscripted")?.remove();
 }
 
+// What the browser's Back shows of a page that it kept is as old as that.
+export function reloadOnReturn(target = window, reload = () => location.reload()) {
+  target.addEventListener("pageshow", ({ persisted }) => persisted && reload());
+}
+
 // Writes only what changed, so that live regions and layout stay quiet.
 export function setText(element, text) {
   if (element && element.textContent !== text) element.textContent = text;

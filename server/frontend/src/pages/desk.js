@@ -3,7 +3,7 @@
 import { offerDrive } from "../fleet/cards.js";
 import { inWindow, WINDOW } from "../fleet/filters.js";
 import { api } from "../dom/calls.js";
-import { foldFilters, hasWords, make, setText, showLocalTimes } from "../dom/page.js";
+import { foldFilters, hasWords, make, reloadOnReturn, setText, showLocalTimes } from "../dom/page.js";
 import { Presses, markOpened, sendOnce } from "../dom/presses.js";
 import { fleet as texts } from "../texts/fleet.js";
 import { Uplink } from "../topics/uplink.js";
@@ -131,6 +131,7 @@ function wireUplink(page) {
 
 if (typeof document !== "undefined") {
   new Presses().watch(window);
+  reloadOnReturn();
   document.querySelectorAll("[data-settles]").forEach(markOpened);
   sendOnce(document);
   wireCopyButtons(document, navigator.clipboard);

@@ -24,7 +24,7 @@ import { ObserverConnection } from "../topics/topicProbe.js";
 import { TopicSwitch, Uplink } from "../topics/uplink.js";
 import { View } from "../video/view.js";
 import { LoginUse, api } from "../dom/calls.js";
-import { Choices, FIELDS, asksForKeys, byTestId, localTime, matches, noteScript, part, setText } from "../dom/page.js";
+import { Choices, FIELDS, asksForKeys, byTestId, localTime, matches, noteScript, part, reloadOnReturn, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
 import { driveSettings } from "./settings.js";
 
@@ -349,7 +349,7 @@ window.addEventListener("pagehide", () => {
   arming.disarm();
   session.stop();
 });
-window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
+reloadOnReturn();
 setInterval(() => interlock.check(), CHECK_MS);
 setInterval(checkSilence, SILENCE_CHECK_MS);
 tickWhileSeen(() => connection.state.gone || helpPoller.tick());

@@ -12,7 +12,7 @@ import { Toolbar } from "../fleet/toolbar.js";
 import { feed as feedTexts } from "../texts/common.js";
 import { fleet as texts } from "../texts/fleet.js";
 import { LoginUse } from "../dom/calls.js";
-import { byTestId, noteScript, part, setText } from "../dom/page.js";
+import { byTestId, noteScript, part, reloadOnReturn, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
 
 const ARRANGE_EVERY_MS = 1000;
@@ -161,4 +161,5 @@ noteScript();
 const nearest = part(main, "nearest"); // only where the site has other machines
 if (nearest) showNearest(nearest);
 new Presses().watch(window);
+reloadOnReturn();
 new LoginUse().watch(window);

@@ -3,7 +3,7 @@
 
 import { api, LoginUse } from "../dom/calls.js";
 import { KeyedRows, madeBy } from "../dom/keyedRows.js";
-import { byTestId, localTimestamp, noteScript, part, setText } from "../dom/page.js";
+import { byTestId, localTimestamp, noteScript, part, reloadOnReturn, setText } from "../dom/page.js";
 import { isNew, markNew, Presses } from "../dom/presses.js";
 import { ReloadStore } from "../control/driveMode.js";
 import { Alerts } from "../queue/alerts.js";
@@ -191,7 +191,7 @@ byTestId(main, "current-drive").addEventListener("click", () => view?.current &&
 part(main, "close").addEventListener("submit", close);
 for (const name of ["pointerdown", "keydown"]) window.addEventListener(name, () => alerts.isSilenced && alerts.unlock());
 document.addEventListener("visibilitychange", tick);
-window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
+reloadOnReturn();
 new Presses().watch(window);
 new LoginUse().watch(window);
 showAlerts();

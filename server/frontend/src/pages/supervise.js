@@ -3,7 +3,7 @@
 
 import { api, LoginUse } from "../dom/calls.js";
 import { KeyedRows, madeBy } from "../dom/keyedRows.js";
-import { byTestId, noteScript, part, setText } from "../dom/page.js";
+import { byTestId, noteScript, part, reloadOnReturn, setText } from "../dom/page.js";
 import { askOnce, Presses } from "../dom/presses.js";
 import { drawCharts } from "../health/charts.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
@@ -127,6 +127,7 @@ async function close(id, robot, state) {
 
 for (const button of periodButtons) button.addEventListener("click", () => choosePeriod(button));
 new Presses().watch(window);
+reloadOnReturn();
 new LoginUse().watch(window);
 noteScript();
 tickWhileSeen(() => {

@@ -2,7 +2,7 @@
 
 import { Feed } from "../client/feed.js";
 import { api, LoginUse } from "../dom/calls.js";
-import { byTestId, Choices, localTimestamp, matches, noteScript, part, setText, TYPING } from "../dom/page.js";
+import { byTestId, Choices, localTimestamp, matches, noteScript, part, reloadOnReturn, setText, TYPING } from "../dom/page.js";
 import { Presses, isNew, markNew } from "../dom/presses.js";
 import { offerDrive } from "../fleet/cards.js";
 import { filterOf, fromQuery, inNameOrder, toQuery } from "../fleet/filters.js";
@@ -165,7 +165,7 @@ keysBox.checked = choices.all.keys !== false;
 setKeys(keysBox.checked);
 keysBox.addEventListener("change", () => setKeys(keysBox.checked));
 window.addEventListener("keydown", takeByKey);
-window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
+reloadOnReturn();
 hand.listen(part(main, "wall"));
 new Presses().watch(window);
 new LoginUse().watch(window);

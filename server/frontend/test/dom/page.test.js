@@ -3,7 +3,7 @@ import { describe, mock, test } from "node:test";
 
 import { LoginUse, ServerClock } from "../../src/dom/calls.js";
 import { KeyedRows } from "../../src/dom/keyedRows.js";
-import { Choices, LocalStore, freshPage, shortNumber } from "../../src/dom/page.js";
+import { Choices, LocalStore, freshPage, reloadOnReturn, shortNumber } from "../../src/dom/page.js";
 import { Presses, askOnce, markOpened, sendOnce } from "../../src/dom/presses.js";
 import { FakeElement, storageOf } from "../fakes.js";
 
@@ -18,6 +18,13 @@ test("what is not JSON, what was never written, and all of a browser that keeps 
   const kept = new LocalStore(blocked);
   kept.write("sticks", true);
   kept.forget("sticks");
+});
+
+test("a page that Back brings out of the browser's memory is loaded anew, and no other", () => {
+  const [window, reload] = [new EventTarget(), mock.fn()];
+  reloadOnReturn(window, reload);
+  for (const persisted of [false, true]) window.dispatchEvent(Object.assign(new Event("pageshow"), { persisted }));
+  assert.equal(reload.mock.callCount(), 1);
 });
 
 test("choices are those of their name, nonsense is none, and what is chosen anew leaves the others", () => {

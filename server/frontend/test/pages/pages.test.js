@@ -23,7 +23,7 @@ test("times are the reader's own, with seconds, and with a year that is not this
   assert.deepEqual(texts, ["30 Jan 23:03:59", "1 Jul 2025 12:00:00", "today 00:00:00", "yesterday 23:59:59"]);
 });
 
-test("a page takes no press that began elsewhere, nor a double one on what opened it or on a form", async () => {
+test("a page takes no press that began elsewhere, nor a double one on what opened it or on a form, and is fresh after Back", async () => {
   const wired = [];
   const hear = (name) => wired.push(name);
   const question = new FakeElement();
@@ -34,7 +34,7 @@ test("a page takes no press that began elsewhere, nor a double one on what opene
   await import("../../src/pages/desk.js?page");
   every.mock.restore();
   for (const name of ["document", "window"]) delete globalThis[name];
-  assert.deepEqual(wired, ["pointerdown", "click", "keydown", "submit"]);
+  assert.deepEqual(wired, ["pointerdown", "click", "keydown", "pageshow", "submit"]);
   assert.equal(isNew(question), true);
 });
 
