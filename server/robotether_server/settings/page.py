@@ -87,7 +87,7 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
             "Used while the robot does not report the type of its drive topic.",
             empty="automatic",
             options={
-                "": "Automatic: TwistStamped from ROS 2 Jazzy on, else Twist",
+                "": "Automatic, by the release of ROS",
                 "geometry_msgs/Twist": "Twist",
                 "geometry_msgs/TwistStamped": "TwistStamped",
                 "ackermann_msgs/AckermannDriveStamped": "AckermannDriveStamped",
@@ -123,11 +123,8 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
         Literal["expected", "none"],
         setting(
             "Video",
-            "Without rosapi, a robot does not say whether it has a camera.",
-            options={
-                "expected": "Expected, unless the robot says that it has no camera",
-                "none": "None: it has no camera, unless it says that it has one",
-            },
+            "Used while the robot does not say whether it has a camera, as without rosapi.",
+            options={"expected": "Expected", "none": "None: it has no camera"},
         ),
     ] = "expected"
     # The stream request (docs/reference/media.md).
