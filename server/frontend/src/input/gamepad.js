@@ -10,6 +10,7 @@ export class Gamepad {
   // `accepts()` says whether driving counts now. `onHold` gets the input and the timestamp of the poll; `onStop()` comes
   // with each press of the stop button; `onState` reports "unknown" (no profile), "off" (nothing counts now),
   // "stuck" (enable must be released first), "uncentred" (a stick drives nothing yet), "ready", "driving" or "turbo".
+  // `onRefused()` comes with a press of enable that does not count now.
   constructor({ accepts, ...handlers }) {
     this.accepts = accepts;
     this.handlers = handlers;
@@ -73,9 +74,11 @@ export class Gamepad {
 
   watchEnable(sample, at) {
     const down = sample.buttons[this.profile.enable];
-    if (!down || !this.ready || !this.accepts()) {
+    const pressed = down && this.ready;
+    if (!pressed || !this.accepts()) {
       this.release();
       this.ready = !down;
+      if (pressed) this.handlers.onRefused?.();
       return;
     }
     this.held = true;
@@ -212,6 +215,13 @@ export class GamepadLoop {
     this.recount();
   }
 
+  // One that is in a hand, as its enable button was pressed.
+  takeUp(index) {
+    const all = this.connected();
+    const pad = all.find((device) => device.index === index);
+    if (pad && this.mayPass(all) && this.rank(pad) >= this.rank(this.ofChosen(all))) this.change(pad);
+  }
+
   recount() {
     const all = this.connected();
     const better = this.better(all);
@@ -223,10 +233,14 @@ export class GamepadLoop {
 
   // The one that takes over from the chosen one, if any. The order in which devices came says nothing of which is in a hand.
   better(all) {
-    const pad = this.ofChosen(all);
-    if (!pad || this.byHand || !this.mayChange()) return null;
+    if (!this.mayPass(all)) return null;
     const best = this.best(all);
-    return this.rank(best) > this.rank(pad) ? best : null;
+    return this.rank(best) > this.rank(this.ofChosen(all)) ? best : null;
+  }
+
+  // Whether another one may take over.
+  mayPass(all) {
+    return this.ofChosen(all) && !this.byHand && this.mayChange();
   }
 
   best(all) {
@@ -248,9 +262,10 @@ export class GamepadLoop {
     const at = this.now();
     const all = this.connected();
     const pad = this.ofChosen(all);
-    for (const other of all) if (other !== pad) this.handlers.onOther(other.index, sampled(other), at);
-    if (pad) this.handlers.onSeen(sampled(pad), at);
+    if (pad)
+      this.handlers.onSeen(sampled(pad), at); // first: of two that a driver shows for one, the second must not take over
     else this.change(all.length ? this.best(all) : null);
+    for (const other of all) if (other !== pad) this.handlers.onOther(other.index, sampled(other), at);
     if (all.length > 0) this.wait();
   }
 

@@ -23,7 +23,7 @@ export class GamepadPanel {
     this.device = null;
     this.learner = null;
     this.onStop = onStop;
-    this.others = new Map(); // the devices that do not drive, by their index, for their stop buttons
+    this.others = new Map(); // the devices that do not drive, by their index
     this.gamepad = new Gamepad({
       accepts: () => (teleop.armed || (teleop.watching && this.free)) && document.hasFocus(),
       onHold: (input, at) => teleop.hold(INPUT, input, at, MAX_POLL_GAP_MS),
@@ -38,7 +38,7 @@ export class GamepadPanel {
       onLost: () => this.lost(),
       onAll: (all) => this.offer(all),
       rank: (device) => this.rank(device),
-      mayChange: () => !this.learner && !this.gamepad.held,
+      mayChange: () => !this.learner && !this.gamepad.held && teleop.held.size === 0,
     });
     this.listen();
     this.show();
@@ -180,14 +180,16 @@ export class GamepadPanel {
   }
 
   offer(all) {
-    this.others = new Map(all.filter(({ chosen }) => !chosen).map((device) => [device.index, this.stopOnly(device)]));
+    this.others = new Map(all.filter(({ chosen }) => !chosen).map((device) => [device.index, this.other(device)]));
     const choice = this.part("pad-choice");
     choice.replaceChildren(...all.map(({ id, index, chosen }) => new Option(id, index, chosen, chosen)));
     this.part("pad-choices").hidden = all.length < 2;
   }
 
-  stopOnly(device) {
-    const other = new Gamepad({ accepts: () => false, onStop: this.onStop, onState() {}, onHold() {}, onRelease() {} });
+  // Its stop button counts; its enable button makes it the one that drives, from the next press on.
+  other(device) {
+    const onRefused = () => this.loop.takeUp(device.index);
+    const other = new Gamepad({ accepts: () => false, onRefused, onStop: this.onStop, onState() {}, onHold() {}, onRelease() {} });
     other.use(this.profileOf(device));
     return other;
   }

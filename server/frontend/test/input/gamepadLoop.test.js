@@ -117,7 +117,7 @@ describe("on the page", () => {
     root = new FakeElement();
     limits = { share: 1 };
     const store = new LocalStore(() => storageOf(kept));
-    const panel = new GamepadPanel(root, { kind: "differential", teleop: { letGo() {} }, limits, onStop, store });
+    const panel = new GamepadPanel(root, { kind: "differential", teleop: { letGo() {}, held: new Map() }, limits, onStop, store });
     panel.found(DEVICE);
     return panel;
   }
@@ -152,14 +152,36 @@ describe("on the page", () => {
     assert.ok(later.rank(DEVICE) > later.rank(ghost));
   });
 
+  const IDLE = Array(17).fill({});
+  const withPressed = (button) => IDLE.with(button, { pressed: true });
+  const pad = (index) => ({ ...DEVICE, index, connected: true, axes: [0, 0, 0, 0], buttons: IDLE });
+
+  for (const [name, pressed, byHand, expected] of /** @type {[string, number[], boolean, number][]} */ ([
+    ["of two gamepads that can drive, the one whose enable button is pressed takes over", [1], false, 1],
+    ["not from one that a person chose", [1], true, 0],
+    ["not from one that is held, as where a driver shows one device twice", [0, 1], false, 0],
+  ])) {
+    test(name, () => {
+      const panel = openPanel();
+      Object.assign(panel.teleop, { armed: true, hold() {}, release() {} });
+      const pads = [pad(0), pad(1)];
+      panel.loop.pads = () => pads;
+      panel.loop.choose(0);
+      panel.loop.byHand = byHand;
+      panel.loop.poll();
+      for (const index of pressed) pads[index].buttons = withPressed(4);
+      panel.loop.poll();
+      assert.equal(panel.loop.chosen?.index, expected);
+    });
+  }
+
   test("the stop button of each known gamepad stops, not only of the chosen one", () => {
     let stops = 0;
     const panel = openPanel(() => (stops += 1));
-    const pad = (index) => ({ ...DEVICE, index, connected: true, axes: [0, 0, 0, 0], buttons: Array(17).fill({}) });
     const second = pad(1);
     panel.loop.pads = () => [pad(0), second];
     panel.loop.choose(0);
-    second.buttons = second.buttons.with(1, { pressed: true });
+    second.buttons = withPressed(1);
     panel.loop.poll();
     panel.loop.poll();
     assert.equal(stops, 1);
