@@ -73,7 +73,8 @@ class CmdVelPublisher:
         self._socket: RosbridgeSocket | None = None
         self._pinged_at: float | None = None
         self._sent_since_ping = False
-        self._logged_down = False
+        # What the log says last; None: nothing yet.
+        self._logged_up: bool | None = None
 
     @property
     def up(self) -> bool:
@@ -126,8 +127,6 @@ class CmdVelPublisher:
         connection = await open_rosbridge(self._http, self._url)
         _keep_small(connection)
         self._socket, self._pinged_at, self._sent_since_ping = connection, None, False
-        log.info("the publisher is connected to rosbridge at %s", self._url)
-        self._logged_down = False
         pinger = asyncio.ensure_future(self._ping_on(connection))
         try:
             listener.on_rosbridge_connected()
@@ -156,6 +155,10 @@ class CmdVelPublisher:
     async def _ponged(self, connection: RosbridgeSocket) -> None:
         if self._pinged_at is not None:
             self.read_until = self._pinged_at
+        # Not before: a rosbridge that closes each connection at once would fill the log.
+        if not self._logged_up:
+            self._logged_up = True
+            log.info("rosbridge at %s answers the publisher", self._url)
         self._pinged_at = None
         if self._sent_since_ping:
             await self._ping(connection)
@@ -181,9 +184,9 @@ class CmdVelPublisher:
         return self._pinged_at is not None and self._clock() - self._pinged_at > seconds
 
     def _log_down(self, reason: str) -> None:
-        if not self._logged_down:
+        if self._logged_up is not False:
+            self._logged_up = False
             log.warning("the publisher to rosbridge at %s is down: %s", self._url, reason)
-        self._logged_down = True
 
 
 class WatchListener(Protocol):

@@ -1,7 +1,8 @@
 """A rosbridge that keeps what it gets and publishes what a test says, with named misbehaviours.
 
 `good` echoes what is published on /echo; `slow_reader` reads nothing from the first message on, until `read_on`;
-`refuses` takes no WebSocket; `stuck` handles nothing more on a connection that has called a rosapi which is not there.
+`refuses` takes no WebSocket, `closes` closes each at once; `stuck` handles nothing more on a connection that has called
+a rosapi which is not there.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any, Literal
 from aiohttp import WSMsgType, web
 from tcp_service import WebService
 
-Mode = Literal["good", "slow_reader", "refuses", "stuck"]
+Mode = Literal["good", "slow_reader", "refuses", "closes", "stuck"]
 WAIT_S = 30.0
 
 
@@ -87,6 +88,8 @@ class FakeRosbridge(WebService):
             return web.Response(status=400)
         await socket.prepare(request)
         self.sockets.append(socket)
+        if self.mode == "closes":
+            await socket.close()
         while True:
             message = await socket.receive()
             if message.type is WSMsgType.PING:

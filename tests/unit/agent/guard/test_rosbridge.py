@@ -93,6 +93,14 @@ async def test_it_connects_again_for_ever(monkeypatch):
         await until("it is up again", lambda: heard.on_rosbridge_connected.call_count == 2)
 
 
+async def test_a_rosbridge_that_closes_at_once_is_logged_once(caplog):
+    async with FakeRosbridge(mode="closes") as rosbridge, running(rosbridge) as (_, heard):
+        await until("it tries again", lambda: heard.on_rosbridge_lost.call_count > 2)
+        assert caplog.text.count("it closed the connection") == 1
+        rosbridge.mode = "good"
+        await until("it answers", lambda: "answers the publisher" in caplog.text)
+
+
 async def test_the_watch_says_what_nothing_listens_to(monkeypatch, spawn):
     """A rosapi that has never said, or hides the topic, is no reason for a word; one that says no more is."""
     monkeypatch.setattr("robotether_agent.guard.rosbridge.WATCH_EVERY_S", 0.01)
