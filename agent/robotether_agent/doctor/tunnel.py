@@ -140,7 +140,8 @@ def check_service(
 def check_guard(settings: Settings, status: Status | None) -> Finding:
     """Whether something stops the robot when its commands stop, and whether somebody has stopped it."""
     step = "guard"
-    if settings.guard == "off":
+    # An agent that runs has the settings of its start.
+    if (settings.guard if status is None else status.guard) == "off":
         return skipped(step, "off in the settings: nothing stops this robot when commands stop")
     if status is None:
         return skipped(step, "no agent runs")
