@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import tls_front
 from drive_records import add_drive
+from drive_settings import DOCK
 from relay_server import ANN, BEN, BOB, CARL, EVE, until
 from robot_signer import RobotSigner
 from robotether_server.db import users
@@ -262,13 +263,13 @@ def test_robots(talk, sim1, admin_database, recorded):
             "FROM robots WHERE name = 'sim1'"
         )
     talk.ask("root", "GET", "/robots/sim1/sessions?limit=5")
-    talk.ask("root", "PATCH", "/robots/sim1", {"shell": True})
+    policy = {"drive": {"call": ["/dock"]}}
+    talk.ask("root", "PATCH", "/robots/sim1", {"shell": True, "settings": {"policy": policy}})
     talk.ask("olga", "GET", "/ssh-config")
-    button = {"label": "Dock", "kind": "call", "name": "/dock", "type": "std_srvs/Trigger"}
     talk.ask("ann", "PUT", "/robots/sim1/page", {})
     talk.ask("olga", "PUT", "/robots/sim1/page", {})
     talk.ask("olga", "PUT", "/robots/sim1/page", {"colour": "red"})
-    talk.ask("olga", "PUT", "/robots/sim1/buttons", {"buttons": [button]})
+    talk.ask("olga", "PUT", "/robots/sim1/buttons", {"buttons": [DOCK]})
     talk.ask("olga", "PUT", "/robots/sim1/buttons", {"buttons": [{"label": 7}]})
     assert talk.transcript == recorded
 
