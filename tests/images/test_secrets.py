@@ -199,7 +199,7 @@ def test_a_site_that_nothing_runs_gets_its_secrets(tmp_path):
     folder = tmp_path / "site"
     made = []
     for _ in range(2):
-        environ = {**os.environ, "ENV_FILE": "none"}
+        environ = {**os.environ, "ENV_FILE": "/dev/null"}
         output_of_command(ROOT / "tools" / "site_secrets", "--new", folder, env=environ)
         made.append({file.name: file.read_bytes() for file in folder.iterdir()})
     assert made[0] == made[1]

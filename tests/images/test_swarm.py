@@ -173,7 +173,7 @@ def swarm(tmp_path_factory):
     ensure_built("demo")
     folder = tmp_path_factory.mktemp("swarm")
     secrets = folder / "secrets"
-    environ = {**os.environ, "ENV_FILE": "none"}
+    environ = {**os.environ, "ENV_FILE": "/dev/null"}
     output_of_command("tools/site_secrets", "--new", secrets, cwd=ROOT, env=environ)
     with Swarm(folder, secrets, ("database", *CELLS)) as running:
         running.hand_over("database", "mysql", "server")

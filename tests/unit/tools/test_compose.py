@@ -43,3 +43,12 @@ def test_value_is_what_compose_reads(tmp_path, line, value):
 
 def test_environment_goes_before_the_file(tmp_path):
     assert setting(tmp_path, "DB_HOST=a", DB_HOST="b") == "b"
+
+
+def test_another_file_is_there_or_nothing_is_done(tmp_path):
+    """Its stack would else be taken for that of compose/.env."""
+    (tmp_path / "two").write_text("DB_HOST=b")
+    for name in ("two", tmp_path / "two"):
+        assert setting(tmp_path, "DB_HOST=a", ENV_FILE=str(name)) == "b"
+    with pytest.raises(AssertionError, match="cannot use ENV_FILE=three: there is no file /"):
+        setting(tmp_path, "DB_HOST=a", ENV_FILE="three")
