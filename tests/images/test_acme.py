@@ -5,7 +5,6 @@ import os
 import signal
 import socket
 import ssl
-from contextlib import ExitStack
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
@@ -29,13 +28,12 @@ class AcmeNetwork:
     """nginx, acme and a real authority (pebble), which asks nginx's port 8081: without root there is no port 80."""
 
     def __init__(self, folder, *, validity_s=3600):
-        self._running = ExitStack()
+        self._containers = Containers()
         self._folder = folder
         self._validity_s = validity_s
 
     def __enter__(self):
         _build_images()
-        self._containers = Containers(self._running)
         self._network = self._containers.network()
         # Of certificates, challenges and acme's state.
         self._volumes = [self._containers.volume() for _ in range(3)]
@@ -44,7 +42,7 @@ class AcmeNetwork:
         return self
 
     def __exit__(self, *_):
-        self._running.close()
+        self._containers.close()
 
     @property
     def own(self):

@@ -1,7 +1,7 @@
 """nginx keeps its connections to other cells, asked of the daemon with stubs in the place of relay and cell."""
 
 import http.client
-from contextlib import ExitStack, closing
+from contextlib import closing
 
 import pytest
 from image_names import ensure_built, image
@@ -73,8 +73,7 @@ def nginx(tmp_path):
         file.chmod(0o444)
     keys.chmod(0o755)
     ensure_built("nginx", "server")
-    with ExitStack() as running:
-        containers = Containers(running)
+    with Containers() as containers:
         network = containers.network()
         command = ["python3", "-c", STUBS]
         stubs = containers.start(

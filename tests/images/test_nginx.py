@@ -24,24 +24,25 @@ def test_plain_http_is_redirected(stack, host):
     assert answer.getheader("Location") == f"https://{there}/robots/sim1?x=1"
 
 
+def shake_hands(stack, context, name=None):
+    with (
+        socket.create_connection(("localhost", stack.https_port), timeout=5) as plain,
+        context.wrap_socket(plain, server_hostname=name),
+    ):
+        pass
+
+
 def test_tls_1_2_and_1_3_are_offered_and_older_ones_refused(stack):
     for version in (ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3):
         context = insecure_tls()
         context.minimum_version = context.maximum_version = version
-        with (
-            socket.create_connection(("localhost", stack.https_port), timeout=5) as plain,
-            context.wrap_socket(plain),
-        ):
-            pass
+        shake_hands(stack, context)
     context = insecure_tls()
     context.set_ciphers("ALL:@SECLEVEL=0")
     with pytest.warns(DeprecationWarning, match="TLSv1_1"):
         context.minimum_version = context.maximum_version = ssl.TLSVersion.TLSv1_1
-    with (
-        socket.create_connection(("localhost", stack.https_port), timeout=5) as plain,
-        pytest.raises(ssl.SSLError, match=r"(?i)alert|version|protocol"),
-    ):
-        context.wrap_socket(plain)
+    with pytest.raises(ssl.SSLError, match=r"(?i)alert|version|protocol"):
+        shake_hands(stack, context)
 
 
 WEAK = [
@@ -58,11 +59,8 @@ def test_weak_ciphers_of_tls_1_2_are_refused(stack, cipher):
     context = insecure_tls()
     context.maximum_version = ssl.TLSVersion.TLSv1_2
     context.set_ciphers(cipher)
-    with (
-        socket.create_connection(("localhost", stack.https_port), timeout=5) as plain,
-        pytest.raises(ssl.SSLError, match=r"(?i)handshake.failure"),
-    ):
-        context.wrap_socket(plain)
+    with pytest.raises(ssl.SSLError, match=r"(?i)handshake.failure"):
+        shake_hands(stack, context)
 
 
 @pytest.fixture
@@ -89,11 +87,7 @@ def test_self_signed_certificate_is_no_authority(self_signed):
 def test_self_signed_certificate_is_its_own_trust_anchor(stack, self_signed):
     context = ssl.create_default_context(cafile=self_signed)
     context.verify_flags |= ssl.VERIFY_X509_STRICT
-    with (
-        socket.create_connection(("localhost", stack.https_port), timeout=5) as plain,
-        context.wrap_socket(plain, server_hostname="localhost"),
-    ):
-        pass
+    shake_hands(stack, context, "localhost")
     url = f"{stack.url}/nginx-health"
     curl = ("curl", "--silent", "--show-error", "--fail", "--cacert", self_signed, url)
     done = run_command(*curl)

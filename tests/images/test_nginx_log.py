@@ -3,7 +3,7 @@
 import http.client
 import json
 import re
-from contextlib import ExitStack, closing
+from contextlib import closing
 
 from image_names import ensure_built, image
 from local_network import insecure_tls
@@ -26,8 +26,7 @@ def ask(address):
 
 def test_a_request_is_one_json_line_without_its_query():
     ensure_built("nginx")
-    with ExitStack() as running:
-        containers = Containers(running)
+    with Containers() as containers:
         network = containers.network()
         nginx = containers.start(network, image("nginx"), environment={"LOG_FORMAT": "json"})
         address = address_in(network, nginx)

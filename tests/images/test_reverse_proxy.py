@@ -4,7 +4,7 @@ import http.client
 import json
 import re
 import socket
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
 from pathlib import Path
@@ -148,8 +148,8 @@ class Site:
 def site(tmp_path_factory):
     """Our nginx with stubs behind it."""
     ensure_built("nginx", "server")
-    with ExitStack() as running:
-        yield Site(tmp_path_factory.mktemp("site"), Containers(running))
+    with Containers() as containers:
+        yield Site(tmp_path_factory.mktemp("site"), containers)
 
 
 @pytest.fixture(scope="module", params=["nginx", pytest.param("caddy", marks=pytest.mark.release)])

@@ -155,7 +155,7 @@ class FrameEncoder:
         while True:
             await self._needed.wait()
             try:
-                await first_of(self._keep_ready(), self._until_unneeded())
+                await first_of(self._keep_ready(), self._unneeded.wait())
             finally:
                 self._pool.report(self, "")
 
@@ -206,9 +206,6 @@ class FrameEncoder:
         async with self._pool.slots:
             self._encoder.down_reason = ENCODER_STARTS
             await self._encoder.run()
-
-    async def _until_unneeded(self) -> None:
-        await self._unneeded.wait()
 
 
 def bits_of(level: Level, own: tuple[int, int], stream_request: StreamRequest) -> int:

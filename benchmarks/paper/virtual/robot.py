@@ -311,14 +311,11 @@ class VirtualRobot:
         number = self._features.media.number
         role = Role(kind="media", target=self._side.topics_target, on_up=lambda *_: uptime.is_up())
         try:
-            await first_of(self._connect(role, uptime), self._until_down())
+            await first_of(self._connect(role, uptime), self._down.wait())
         except SessionEndedError as problem:
             if problem.code != "unwatched":
                 raise
             self._features.media.end(number)
-
-    async def _until_down(self) -> None:
-        await self._down.wait()
 
     async def _connect(self, role: Role, uptime: Uptime) -> NoReturn:
         """Connect where the session is, and serve until an AgentError is raised, as the agent's run_connection."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+ROOT = Path(__file__).resolve().parents[3]
 LIMIT_S = 120.0
 
 
@@ -35,6 +37,13 @@ def write_programs(folder: Path, programs: Mapping[str, str]) -> None:
     for name, text in programs.items():
         (folder / name).write_text(text if text.startswith("#!") else f"#!/bin/sh\n{text}\n")
         (folder / name).chmod(0o755)
+
+
+def copy_tools(checkout: Path, *names: str) -> None:
+    """Let a checkout have these of our tools, and what they share."""
+    (checkout / "tools").mkdir(parents=True, exist_ok=True)
+    for name in (*names, "common.sh"):
+        shutil.copy(ROOT / "tools" / name, checkout / "tools")
 
 
 def path_with(folder: Path) -> dict[str, str]:

@@ -12,23 +12,23 @@ from docker.errors import NotFound
 from docker.models.containers import Container
 
 
-class Containers:
-    """What `running` removes when it ends."""
+class Containers(ExitStack):
+    """They are gone at the end of its `with` block, as their networks are."""
 
-    def __init__(self, running: ExitStack) -> None:
-        self._running = running
+    def __init__(self) -> None:
+        super().__init__()
         self._engine = docker.from_env()
-        running.callback(self._engine.close)
+        self.callback(self._engine.close)
 
     def network(self) -> Any:
         made = self._engine.networks.create(f"robotether-nginx-{uuid.uuid4().hex[:8]}")
-        self._running.callback(made.remove)
+        self.callback(made.remove)
         made.reload()
         return made
 
     def volume(self) -> Any:
         made = self._engine.volumes.create()
-        self._running.callback(partial(made.remove, force=True))
+        self.callback(partial(made.remove, force=True))
         return made
 
     def start(self, network: Any, name: str, *aliases: str, **options: Any) -> Container:
@@ -38,7 +38,7 @@ class Containers:
             name, network=network.name, networking_config={network.name: own},
             **{"tmpfs": {"/run/nginx": "uid=33,gid=33"}, **options},
         )  # fmt: skip
-        self._running.callback(remove, container)
+        self.callback(remove, container)
         container.start()
         return container
 

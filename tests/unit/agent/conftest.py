@@ -20,6 +20,7 @@ from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import load
 from robotether_agent.status import Status, read_status
 from robotether_agent.systemd import Notifier
+from tcp_service import WebService
 
 
 class Hasty(Random):
@@ -144,30 +145,24 @@ def connection(pair):
     return pair[0]
 
 
-class RobotServices:
+class RobotServices(WebService):
     """What runs on a robot: a WebSocket that echoes, and an HTTP server with one page."""
 
     def __init__(self):
+        super().__init__()
         self.handshakes = 0
         self.video_status = 200
-        self.pages = 0
         self.refuse_sockets = False
 
-    async def start(self):
-        app = web.Application()
-        app.router.add_get("/", self._answer)
-        self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.2)
-        await self._runner.setup()
-        await web.TCPSite(self._runner, "127.0.0.1", 0).start()
-        self.port = self._runner.addresses[0][1]
-        self.ws_url, self.http_url = (f"{kind}://127.0.0.1:{self.port}" for kind in ("ws", "http"))
+    @property
+    def ws_url(self):
+        return self.url.replace("http", "ws")
 
-    async def stop(self):
-        await self._runner.cleanup()
+    def _routes(self):
+        return {"/": self._answer}
 
     async def _answer(self, request):
         if "Upgrade" not in request.headers or self.refuse_sockets:
-            self.pages += 1
             return web.Response(text="the list of topics", status=self.video_status)
         socket = web.WebSocketResponse()
         await socket.prepare(request)
@@ -180,10 +175,8 @@ class RobotServices:
 
 @pytest.fixture
 async def services():
-    running = RobotServices()
-    await running.start()
-    yield running
-    await running.stop()
+    async with RobotServices() as running:
+        yield running
 
 
 class RunningAgent:
@@ -221,7 +214,7 @@ async def start_agent(place, services):
     started = []
 
     def start(cloud, **more):
-        urls = {"rosbridge_url": services.ws_url, "video_url": services.http_url}
+        urls = {"rosbridge_url": services.ws_url, "video_url": services.url}
         environ = agent_environ(cloud, place, **{**urls, "guard": "off", **more})
         agent = RunningAgent(load(None, environ))
         started.append(agent)

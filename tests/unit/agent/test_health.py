@@ -10,7 +10,6 @@ from unittest.mock import AsyncMock
 
 import namespaces
 import pytest
-from fake_cloud import eventually
 from fake_rosbridge import FakeRosbridge
 from local_network import free_port
 from robotether_agent import health as health_module
@@ -47,22 +46,19 @@ async def until(health, reached):
 async def test_both_ok_over_one_held_handshake(watch, services, monkeypatch, caplog):
     """No look takes a handshake of its own; one that a busy machine lost is said to be lost."""
     monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.1)
-    health = watch(services.ws_url, services.http_url)
+    health = watch(services.ws_url, services.url)
     report = await until(health, lambda report: report.ros == report.video == "ok")
     assert report.detail == ""
     services.video_status = 500
     await until(health, lambda report: report.video == "down")
     services.video_status = 200
     await until(health, lambda report: report.video == "ok")
-
-    def held():
-        return services.handshakes - caplog.text.count("[rosbridge_down]")
-
-    await eventually(lambda: held() == 2, lambda: f"{held()} clients beside those that were lost")
+    # Of some that were lost there was none.
+    assert services.handshakes <= 2 + caplog.text.count("[rosbridge_down]")
 
 
 async def test_the_time_without_an_answer_is_said(watch, services, monkeypatch):
-    health = watch(services.ws_url, services.http_url)
+    health = watch(services.ws_url, services.url)
     await until(health, lambda report: report.ros == "ok")
     monkeypatch.setattr("aiohttp.web.WebSocketResponse.pong", AsyncMock())
     report = await until(health, lambda report: report.ros == "down")
@@ -100,7 +96,7 @@ async def test_video_comes_from_rosbridge_while_no_server_answers(
 async def test_video_of_rosbridge_alone(watch, services, monkeypatch):
     monkeypatch.setattr(health_module, "SELDOM", 2)
     async with FakeRosbridge({}) as robot:
-        health = watch(robot.url, services.http_url, "rosbridge")
+        health = watch(robot.url, services.url, "rosbridge")
         report = await until(
             health, lambda report: "no images of this robot" in report.video_detail
         )
@@ -126,7 +122,7 @@ async def test_rosbridge_that_its_network_reaches_is_told_until_it_is_mended(
     address = ["0.0.0.0"]
     monkeypatch.setattr(health_module, "exposed_at", lambda _url: address[0])
     monkeypatch.setattr(health_module, "SELDOM", 1)
-    health = watch(services.ws_url, services.http_url)
+    health = watch(services.ws_url, services.url)
     await until(health, lambda report: report.ros_exposed == "0.0.0.0")
     address[0] = ""
     await until(health, lambda report: not report.ros_exposed)

@@ -50,16 +50,16 @@ def test_reads_the_file_of_an_earlier_agent(place):
     assert (found.state, found.robot, found.guard) == ("connected", "sim1", "unknown")
 
 
+def writer_by(place, clock, uptime):
+    return StatusWriter(
+        place, "a.example", on_state=lambda _: None, clock=lambda: clock[0], uptime=uptime
+    )
+
+
 def test_times_follow_a_clock_that_is_set(place):
     """A robot's clock without a battery says long ago until it has the network's time."""
     clock, uptime = [5000.0], [10.0]
-    writer = StatusWriter(
-        place,
-        "a.example",
-        on_state=lambda _: None,
-        clock=lambda: clock[0],
-        uptime=lambda: uptime[0],
-    )
+    writer = writer_by(place, clock, lambda: uptime[0])
     writer.report_problem(KeyRefusedError("cannot log in"), "waiting")
     clock[0], uptime[0] = NOW + 30, 40.0
     writer.refresh()
@@ -70,13 +70,7 @@ def test_times_follow_a_clock_that_is_set(place):
 
 def test_a_problem_that_is_over(place):
     clock = [NOW]
-    writer = StatusWriter(
-        place,
-        "a.example",
-        on_state=lambda _: None,
-        clock=lambda: clock[0],
-        uptime=lambda: clock[0] - NOW,
-    )
+    writer = writer_by(place, clock, lambda: clock[0] - NOW)
     writer.set(state="connected", robot="sim1", video_tunnel="open")
     writer.report_problem(
         KeyRefusedError("cannot log in", advice="approve it"), "waiting", video_tunnel="closed"

@@ -2,18 +2,16 @@
 
 import gzip
 import os
-import shutil
 import tarfile
 import time
 from pathlib import Path
 
 import pytest
-from commands import path_with, run_command, write_programs
+from commands import copy_tools, path_with, run_command, write_programs
 from robotether_server.db import Database
 from robotether_server.disks import recorded_space
 from robotether_server.problems import StoreUnavailableError
 
-ROOT = Path(__file__).resolve().parents[3]
 # What runs in the service backup runs here.
 COMPOSE = """#!/bin/bash
 case "$*" in
@@ -64,9 +62,7 @@ NOT_KEPT = {"secrets/web/admin_password", "own/.gitignore"}
 def checkout(tmp_path):
     """A checkout with the tools, settings, secrets and a database."""
     folder = tmp_path / "checkout"
-    (folder / "tools").mkdir(parents=True)
-    for name in ("backup", "restore", "common.sh"):
-        shutil.copy(ROOT / "tools" / name, folder / "tools")
+    copy_tools(folder, "backup", "restore")
     write_programs(folder / "tools", {"compose": COMPOSE})
     write_programs(folder / "programs", {"docker": DOCKER})
     files = {"services": "mysql\nweb\n", "container": "0123456789ab\n", "copy_command": ""}

@@ -1,20 +1,14 @@
 """tools/compose --env, which other tools ask for settings: what it prints is what compose reads."""
 
 import os
-import shutil
-from pathlib import Path
 
 import pytest
-from commands import output_of_command
-
-ROOT = Path(__file__).resolve().parents[3]
+from commands import copy_tools, output_of_command
 
 
 def setting(checkout, line, **environment):
     """What is in force with this line in compose/.env."""
-    for name in ("compose", "common.sh"):
-        (checkout / "tools").mkdir(exist_ok=True)
-        shutil.copy(ROOT / "tools" / name, checkout / "tools")
+    copy_tools(checkout, "compose")
     (checkout / "compose").mkdir(exist_ok=True)
     (checkout / "compose" / ".env").write_text(f"OTHER=x\n{line}\nDB_HOST_OF=y\n")
     environ = {"PATH": os.environ["PATH"], **environment}

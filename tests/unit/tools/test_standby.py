@@ -1,13 +1,10 @@
 """tools/standby promote, with a program in the place of Docker; tests/images has two real databases."""
 
 import os
-import shutil
-from pathlib import Path
 
 import pytest
-from commands import run_command, write_programs
+from commands import copy_tools, run_command, write_programs
 
-ROOT = Path(__file__).resolve().parents[3]
 COMPOSE = """#!/bin/sh
 echo "$*" >> calls
 case "$*" in
@@ -28,9 +25,7 @@ HALF_RESTORED = "*robotether_restoring*) echo robotether_restoring ;;"
 )
 def test_standby_that_may_lack_records_is_not_promoted(tmp_path, answer, says):
     """It would take records while it still follows the other one, or has half of a backup."""
-    (tmp_path / "tools").mkdir()
-    for name in ("standby", "common.sh"):
-        shutil.copy(ROOT / "tools" / name, tmp_path / "tools")
+    copy_tools(tmp_path, "standby")
     write_programs(tmp_path / "tools", {"compose": COMPOSE.replace("ANSWER", answer)})
     environ = {"PATH": os.environ["PATH"]}
     done = run_command("tools/standby", "promote", cwd=tmp_path, env=environ)

@@ -1,12 +1,8 @@
 """tools/up, with programs in the place of Docker and the other tools that note how they are called."""
 
-import shutil
-from pathlib import Path
-
 import pytest
-from commands import path_with, run_command, write_programs
+from commands import copy_tools, path_with, run_command, write_programs
 
-ROOT = Path(__file__).resolve().parents[3]
 # Answers from files, and notes all that it is asked.
 COMPOSE = """#!/bin/sh
 echo "${COMPOSE_PROFILES:+[$COMPOSE_PROFILES] }$*" >> calls
@@ -23,10 +19,8 @@ esac
 @pytest.fixture
 def checkout(tmp_path):
     """A checkout with tools/up and nothing that needs Docker, before the first start."""
+    copy_tools(tmp_path, "up")
     tools = tmp_path / "tools"
-    tools.mkdir()
-    for name in ("up", "common.sh"):
-        shutil.copy(ROOT / "tools" / name, tools)
     noted = ("ensure_docker", "ensure_base_image", "build")
     write_programs(tools, {name: f"echo {name} $* >> calls" for name in noted})
     write_programs(tools, {"compose": COMPOSE})

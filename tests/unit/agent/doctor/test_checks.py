@@ -30,7 +30,7 @@ def settings(place, services):
         server="a.example",
         state_dir=place,
         rosbridge_url=services.ws_url,
-        video_url=services.http_url,
+        video_url=services.url,
     )
 
 
