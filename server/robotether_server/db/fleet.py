@@ -285,8 +285,11 @@ def ask_for_help(
 
 
 def read_requests(tx: Transaction) -> list[RelayRequest]:
-    """Read the open requests for help."""
-    rows = tx.rows("SELECT robot_id, state, age_s, user_id, user_name, left_s FROM relay_requests")
+    """Read the open requests for help, without those of disabled robots, which are offered to nobody."""
+    rows = tx.rows(
+        "SELECT robot_id, h.state, age_s, user_id, user_name, left_s FROM relay_requests h"
+        " JOIN relay_robots r ON r.id = robot_id AND r.state = 'active'"
+    )
     return [
         RelayRequest(
             robot_id=row["robot_id"],

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from granted import take
 from help_desk import HelpDesk
-from robotether_server.db import robots, users
+from robotether_server.db import fleet, robots, users
 from robotether_server.problems import GrantMissingError, NotPossibleError
 from robotether_server.services import operators
 from robotether_server.times import utc_now
@@ -138,7 +138,7 @@ def test_a_request_waits_again_when_its_operator_is_gone(desk, end):
     assert desk.events("request_passed")[0].details["why"] == "right_ended"
 
 
-def test_requests_go_with_their_robot_and_rest_while_it_is_disabled(desk):
+def test_requests_go_with_their_robot_and_rest_while_it_is_disabled(desk, relay_database):
     request_id = desk.ask()
     desk.ask("sim2")
     desk.poll("ann")
@@ -149,6 +149,9 @@ def test_requests_go_with_their_robot_and_rest_while_it_is_disabled(desk):
     assert desk.poll("ann").offer is None
     assert desk.request(request_id).state == "waiting"
     assert [request.id for request in desk.poll("ann").waiting] == [request_id]
+    with relay_database.transaction() as tx:
+        # Else an alert would last as long.
+        assert fleet.read_requests(tx) == []
 
 
 def test_polls_at_once_give_no_request_to_two(desk):
