@@ -17,6 +17,7 @@ from typing import Any
 from av.video.frame import VideoFrame
 from robotether_common.own_topics import own_topic
 
+from robotether_server.contract.recordings import NS_PER_S
 from robotether_server.lerobot.actions import action_names, are_float32
 from robotether_server.lerobot.dataset import DatasetLayout, DatasetWriter
 from robotether_server.lerobot.decoding import CameraDecoder
@@ -36,6 +37,7 @@ from robotether_server.lerobot.recording import (
     STATE_NAMES,
     USUAL_TOPICS,
     NotExportedError,
+    Recorded,
     RecordedCommand,
     RecordedControl,
     RecordedFrame,
@@ -45,6 +47,8 @@ from robotether_server.lerobot.recording import (
 
 # Maximum number of cameras that are decoded at once.
 MAX_CAMERAS = 8
+# Maximum length of a recording that is exported; a longer one has a clock that jumped.
+MAX_DAYS = 1
 # Maximum difference of two shapes of one camera: an encoder that makes frames smaller rounds their sides.
 MAX_SHAPE_DIFFERENCE = 0.02
 MAX_NAME = 64
@@ -130,9 +134,11 @@ def read_drive(path: Path, cameras: Sequence[str]) -> DriveData:
         RecordedState: drive.states,
     }
     decoders: dict[str, CameraDecoder] = {}
+    newest_ns: dict[type, int] = {}
     for count, record in enumerate(read_recording(path)):
         if count >= MAX_MESSAGES:
             raise NotExportedError(f"cannot export {path}: it has over {MAX_MESSAGES} messages")
+        _note_time(drive, newest_ns, record)
         if not isinstance(record, RecordedFrame):
             lists[type(record)].append(record)
         elif not cameras or record.camera in cameras:
@@ -147,7 +153,23 @@ def read_drive(path: Path, cameras: Sequence[str]) -> DriveData:
     for camera, decoder in decoders.items():
         _note_sizes(drive.frames[camera], decoder.flush())
     drive.commands.sort(key=lambda command: command.at_ns)
+    if drive.commands:
+        days = (drive.commands[-1].at_ns - drive.commands[0].at_ns) / NS_PER_S / 86_400
+        if days > MAX_DAYS:
+            raise NotExportedError(
+                f"cannot export {path}: the server's clock jumped by {days:.0f} days in it"
+            )
     return drive
+
+
+def _note_time(drive: DriveData, newest_ns: dict[type, int], record: Recorded) -> None:
+    """Note the span that begins with a record which is older than those of its type before it."""
+    at_ns = record.log_ns if isinstance(record, RecordedFrame) else record.at_ns
+    newest = newest_ns.get(type(record), at_ns)
+    start, end = drive.repeated_ns[-1] if drive.repeated_ns else (newest, newest)
+    if at_ns < newest and not start <= at_ns < newest <= end:
+        drive.repeated_ns.append((at_ns, newest))
+    newest_ns[type(record)] = max(at_ns, newest)
 
 
 def _note_sizes(frames: list[FrameInfo], decoded: Iterable[tuple[int, VideoFrame]]) -> None:

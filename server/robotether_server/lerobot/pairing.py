@@ -42,12 +42,21 @@ class FrameInfo(NamedTuple):
 
 @dataclass
 class DriveData:
-    """What one recording has, each list in the order of its times; frames by camera."""
+    """What one recording has, each list in the order of its times; frames by camera.
+
+    `repeated_ns`: spans of time that are there twice, as the server's clock was set back.
+    """
 
     frames: dict[str, list[FrameInfo]] = field(default_factory=dict)
     commands: list[RecordedCommand] = field(default_factory=list)
     controls: list[RecordedControl] = field(default_factory=list)
     states: list[RecordedState] = field(default_factory=list)
+    repeated_ns: list[tuple[int, int]] = field(default_factory=list)
+
+    def is_repeated(self, at_ns: int) -> bool:
+        """Whether what is recorded of a time, or counts then, may be of another."""
+        margin_ns = int(MAX_AGE_S * NS_PER_S)
+        return any(start <= at_ns <= end + margin_ns for start, end in self.repeated_ns)
 
 
 class CutReason(Enum):
@@ -61,6 +70,7 @@ class CutReason(Enum):
     FROZEN = f"what the driver had seen was older than {MAX_AGE_S:g} s"
     NO_STATE = f"no odometry for {MAX_AGE_S:g} s"
     UNKNOWN_COMMAND = "the command cannot be read"
+    REPEATED_TIME = "the server's clock was set back, so these times are there twice"
 
 
 class EpisodeStep(NamedTuple):
@@ -112,7 +122,7 @@ def steps(
         while passed < len(events) and events[passed].at_ns <= at_ns:
             situation.update(events[passed])
             passed += 1
-        yield situation.step(at_ns)
+        yield CutReason.REPEATED_TIME if drive.is_repeated(at_ns) else situation.step(at_ns)
 
 
 def episodes(timeline: Iterable[EpisodeStep | CutReason], fps: int) -> Iterator[list[EpisodeStep]]:

@@ -142,16 +142,12 @@ class RecordedDrive:
         images: Mapping[int, bytes] = MappingProxyType({}),
     ) -> Path:
         """Write the recording as the recorder does, with further messages, and other data of frames by their number."""
-        file = McapFile(path)
-        messages = [*self._messages(images), *extra]
-        for message in sorted(messages, key=lambda message: message.log_ns):
-            file.add(message)
-            if file.is_full:
-                file.end_chunk()
-        file.finish()
-        return path
+        messages = [*self.messages(images), *extra]
+        return write_all(path, sorted(messages, key=lambda message: message.log_ns))
 
-    def _messages(self, images: Mapping[int, bytes]) -> Iterator[RecordedMessage]:
+    def messages(
+        self, images: Mapping[int, bytes] = MappingProxyType({})
+    ) -> Iterator[RecordedMessage]:
         for camera, frames in self.frames.items():
             codec = self.codecs[camera]
             writer = CameraWriter(camera, codec)
@@ -164,7 +160,7 @@ class RecordedDrive:
                         sequence=frame.sequence,
                     )
         for command in self.commands:
-            yield own_message("commands", self._command(command), command.at_ms, late_ms=4)
+            yield own_message("commands", self.command_members(command), command.at_ms, late_ms=4)
         yield from self._controls()
         yield from (odometry(at_ms, at_ms / 1000, float(self.seed)) for at_ms in self.states_ms)
 
@@ -180,7 +176,7 @@ class RecordedDrive:
             [packet] = encoder.encode(image)
             yield bytes(packet)
 
-    def _command(self, command: TrueCommand) -> dict[str, Any]:
+    def command_members(self, command: TrueCommand) -> dict[str, Any]:
         sequences = {
             camera: {frame.number: frame.sequence for frame in frames}
             for camera, frames in self.frames.items()
@@ -212,6 +208,17 @@ class RecordedDrive:
                 "guard": "ready",
             }
             yield own_message("control", members, at_ms)
+
+
+def write_all(path: Path, messages: Iterable[RecordedMessage]) -> Path:
+    """Write messages in this order."""
+    file = McapFile(path)
+    for message in messages:
+        file.add(message)
+        if file.is_full:
+            file.end_chunk()
+    file.finish()
+    return path
 
 
 def _within(at_ms: float, spans: tuple[tuple[int, int], ...]) -> bool:

@@ -4,6 +4,7 @@ import json
 import os
 import struct
 from dataclasses import replace
+from operator import attrgetter
 
 import av
 import numpy as np
@@ -20,8 +21,10 @@ from recorded_drive import (
     Row,
     number_in,
     odometry,
+    own_message,
     pairing_errors,
     picture,
+    write_all,
 )
 from robotether_server.cli.main import cli
 from robotether_server.lerobot.export import ExportOptions, export
@@ -124,6 +127,18 @@ def write_long(path):
     os.truncate(path, 2**27)
 
 
+def write_with_clock_set_back(path):
+    """Two drives of the same times, one after the other."""
+    drives = [RecordedDrive(seed, seconds=4).messages() for seed in (1, 2)]
+    write_all(path, (each for drive in drives for each in sorted(drive, key=attrgetter("log_ns"))))
+
+
+def write_with_clock_ahead(path):
+    drive = RecordedDrive(1, seconds=4)
+    members = drive.command_members(drive.commands[0])
+    drive.write(path, extra=[own_message("commands", members, 3 * 86_400_000)])
+
+
 def damaged(change):
     """A recording of which something was changed."""
 
@@ -146,6 +161,8 @@ def damaged(change):
         (RecordedDrive(1, seconds=2, drivers=()).write, "no recorded camera"),
         (RecordedDrive(1, seconds=2, frozen=((0, 2000),)).write, "no episode"),
         (RecordedDrive(1, {"/a/b": "jpeg", "/a_b": "jpeg"}).write, "same name"),
+        (write_with_clock_set_back, "no episode.*set back"),
+        (write_with_clock_ahead, "jumped by 3 days"),
     ],
     ids=[
         "another",
@@ -158,6 +175,8 @@ def damaged(change):
         "undriven",
         "frozen",
         "names",
+        "clock set back",
+        "clock ahead",
     ],
 )
 def test_what_cannot_be_exported_leaves_nothing(tmp_path, write, why):
