@@ -19,6 +19,7 @@ export class ShownFrames {
   /** @type {(frame: {sequence: number, at: number}) => void} */
   draw({ sequence, at }) {
     const { round } = this;
+    if (globalThis.document?.hidden) return; // nobody sees it, and the browser would keep each callback until somebody does
     afterDisplay(() => round === this.round && this.note({ sequence, at, shownAt: this.now() }));
   }
 

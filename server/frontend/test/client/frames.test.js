@@ -302,6 +302,10 @@ test("a frame is not seen before the display has it, and not at all if it was fo
   display(17);
   assert.equal(frames.seenAt(1023), null);
   assert.deepEqual(frames.seenAt(1024), { sequence: 1, at: 900, shownAt: 1024 });
+  globalThis.document = /** @type {any} */ ({ hidden: true });
+  frames.draw({ sequence: 3, at: 1000 });
+  assert.deepEqual([pictures.length, frames.seenAt(clock).sequence], [1, 1]);
+  delete globalThis.document;
   frames.forget();
   display(17);
   assert.equal(frames.seenAt(clock), null);
