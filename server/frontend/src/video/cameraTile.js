@@ -261,4 +261,5 @@ function partOf(size, box) {
   return PARTS.find((part) => part >= needed) ?? 1;
 }
 
-const even = (pixels) => Math.max(2, Math.round(pixels / 2) * 2);
+const MAX_SIDE = 4096; // of a request, in which the camera keeps its shape
+const even = (pixels) => Math.min(MAX_SIDE, Math.max(2, Math.round(pixels / 2) * 2));

@@ -173,6 +173,7 @@ for (const [what, width, height, more, expected] of [
   ["a few pixels more change nothing", 345, 260, {}, { width: 320, height: 240 }],
   ["a smaller one wants a quarter", 170, 130, {}, { width: 160, height: 120 }],
   ["one on its side is as wide as the place is high", 170, 320, { turned: 90 }, { width: 320, height: 240 }],
+  ["no side is longer than a request may have", 6000, 500, { full: { width: 12000, height: 1000 } }, { width: 4096, height: 500 }],
   ["before the camera's size is known its own is wanted", 100, 80, { full: null }, none],
   ["before the place is known, too", 0, 0, {}, none],
   ["the settings' size stands for the camera's own", 900, 700, { set: SET }, SET],
