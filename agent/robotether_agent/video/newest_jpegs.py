@@ -19,7 +19,7 @@ from robotether_common.frames import MAX_FRAME_BYTES
 
 from robotether_agent.problems import DetailError
 from robotether_agent.video.av_messages import FRAME, FRAME_HEADER, REASON, framed
-from robotether_agent.video.av_program import private_output, step_back
+from robotether_agent.video.av_program import MAX_DATA_BYTES, private_output, step_back
 
 # Default quantiser of JPEGs, of 2 (best) to 31: about quality 90.
 JPEG_QUANTISER = 3
@@ -34,7 +34,8 @@ def reason_of(error: Exception) -> str:
     if isinstance(error, DetailError):
         return error.message
     if isinstance(error, MemoryError):
-        return "this machine has no memory left"
+        limit_mb = MAX_DATA_BYTES // 2**20
+        return f"it needs more than the {limit_mb} MB that video may use; 1920x1080 pixels do not"
     return getattr(error, "strerror", None) or "its frames cannot be read"
 
 

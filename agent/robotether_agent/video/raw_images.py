@@ -68,7 +68,9 @@ class RawImage:
             row = width * FORMATS[encoding][1]
             step = get_int(message, "step", row, 2**31)
             data = binascii.a2b_base64(message.get("data", ""))  # type: ignore[arg-type]
-        except (FieldError, TypeError, ValueError) as error:
+        except FieldError as error:
+            raise CameraFailedError(f"its images make no sense: {error}") from error
+        except (TypeError, ValueError) as error:
             raise CameraFailedError("its images make no sense") from error
         if len(data) < step * (height - 1) + row:
             raise CameraFailedError("its images have less data than their size")
