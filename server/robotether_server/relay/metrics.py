@@ -63,10 +63,10 @@ class Metrics:
         self._write_robots: Callable[[], Iterator[bytes]] = lambda: iter(())
         ProcessCollector(registry=self._registry)
         PlatformCollector(registry=self._registry)
-        self._registry.register(_Collector(partial(_read_bridges, traffic)))
+        self.collect(partial(_read_bridges, traffic))
         self.seen_ages, self.robot_round_trips = TimeHistogram(), TimeHistogram()
         round_trips = {"driver": traffic.round_trips, "robot": self.robot_round_trips}
-        self._registry.register(_Collector(partial(_read_times, self.seen_ages, round_trips)))
+        self.collect(partial(_read_times, self.seen_ages, round_trips))
         self.seen_unknown = self._counter(
             "seen_age_unknown",
             "Drive commands of which nobody knows how old was what the driver saw",
@@ -110,52 +110,17 @@ class Metrics:
     def collect_parts(self, sessions: SessionServer, database: RelayDatabase, cells: Cells) -> None:
         """Add log-ins, the database, the disks, the backups, and which version runs in which cell."""
         meaning = "Robots' SSH connections that were accepted, by kind"
-        self._registry.register(
-            _Collector(lambda: [_family("logins", meaning, "kind", sessions.logins)])
-        )
-        self._registry.register(_Collector(partial(_read_database, database)))
-        self.collect_disks(
-            lambda: cells.disk, lambda: cells.recordings_free, DATABASE_RECORD, RECORD
-        )
-        self.collect_backups(RECORD)
+        self.collect(lambda: [_family("logins", meaning, "kind", sessions.logins)])
+        self.collect(partial(_read_database, database))
+        self.collect(lambda: read_disks(cells.disk, DATABASE_RECORD, RECORD))
+        self.collect(lambda: read_room(cells.recordings_free))
+        self.collect(partial(read_backups, RECORD))
         build = Info("robotether_build", "What runs here", registry=self._registry)
         build.info({"version": __version__, "cell": cells.name})
 
-    def collect_feeds(self, traffic: FeedTraffic) -> None:
-        """Add what feeds count."""
-        self._registry.register(_Collector(partial(_read_feeds, traffic)))
-
-    def collect_backups(self, folder: Path) -> None:
-        """Add the ages of the last backup and of its last copy, as they are recorded in the folder."""
-        self._registry.register(_Collector(partial(_read_backups, folder)))
-
-    def collect_disks(
-        self,
-        disk: Callable[[], DiskSpace | None],
-        recordings_free: Callable[[], float | None],
-        database_record: Path,
-        backup_record: Path,
-    ) -> None:
-        """Add how full the disks of relay, database and backups are, and what room recordings have; None: unknown."""
-
-        def read() -> Iterator[GaugeMetricFamily]:
-            spaces = {
-                "relay": disk(),
-                "database": recorded_space(database_record, DATABASE_CURRENT_S),
-                "backups": recorded_space(backup_record / "disk"),
-            }
-            yield _disks(spaces)
-            meaning = "Free part of the room for recordings, from 0 to 1: of their disk, or of RECORDINGS_MAX_GB"
-            room = GaugeMetricFamily("robotether_relay_recordings_free_ratio", meaning)
-            if (free := recordings_free()) is not None:
-                room.add_metric([], free)
-            yield room
-
+    def collect(self, read: Callable[[], Iterable[Metric]]) -> None:
+        """Add numbers that are read when somebody asks."""
         self._registry.register(_Collector(read))
-
-    def collect_help_requests(self, read: Callable[[], Sequence[RelayRequest] | None]) -> None:
-        """Add the open requests for help, which are those of all cells; None: they are unknown."""
-        self._registry.register(_Collector(partial(_read_help_requests, read)))
 
     def collect_robots(self, snapshot: Callable[[], Snapshot], registry: SessionRegistry) -> None:
         """Add what each robot reports to this cell: a bounded number of series for each."""
@@ -235,7 +200,8 @@ def _read_bridges(traffic: Traffic) -> Iterator[Metric]:
     yield _histogram("command_age_seconds", meaning, {"": traffic.command_ages})
 
 
-def _read_feeds(traffic: FeedTraffic) -> Iterator[Metric]:
+def read_feeds(traffic: FeedTraffic) -> Iterator[Metric]:
+    """Say what feeds count."""
     name, labels = "robotether_relay_frame", ["to", "codec"]
     frames = CounterMetricFamily(f"{name}s", "Frames received and sent, by codec", labels=labels)
     sizes = CounterMetricFamily(f"{name}_bytes", "Bytes of video frames, by codec", labels=labels)
@@ -251,7 +217,8 @@ def _read_feeds(traffic: FeedTraffic) -> Iterator[Metric]:
     yield CounterMetricFamily("robotether_relay_frames_skipped", meaning, traffic.skipped)
 
 
-def _read_backups(folder: Path) -> Iterator[GaugeMetricFamily]:
+def read_backups(folder: Path) -> Iterator[GaugeMetricFamily]:
+    """Say how old the last backup and its last copy are, as they are recorded in the folder."""
     age = GaugeMetricFamily(
         "robotether_relay_backup_age_seconds", "Age of the last backup; +Inf: none was made here"
     )
@@ -282,19 +249,39 @@ def _read_database(database: RelayDatabase) -> Iterator[GaugeMetricFamily]:
     yield from (used, limit)
 
 
-def _disks(spaces: Mapping[str, DiskSpace | None]) -> GaugeMetricFamily:
+def read_disks(
+    relay: DiskSpace | None, database_record: Path, backup_record: Path
+) -> Iterator[Metric]:
+    """Say how full the disks of relay, database and backups are; one that is unknown has no value."""
+    spaces = {
+        "relay": relay,
+        "database": recorded_space(database_record, DATABASE_CURRENT_S),
+        "backups": recorded_space(backup_record / "disk"),
+    }
     meaning = "Free part of the disk of a volume, from 0 to 1; of backups when the last was made"
     labels = ["volume", "device"]
     family = GaugeMetricFamily("robotether_relay_disk_free_ratio", meaning, labels=labels)
     for volume, space in spaces.items():
         if space is not None:
             family.add_metric([volume, space.device], space.free_part)
-    return family
+    yield family
 
 
-def _read_help_requests(
+def read_room(free: float | None) -> Iterator[Metric]:
+    """Say which part of the room for recordings is free; None: it is unknown."""
+    meaning = (
+        "Free part of the room for recordings, from 0 to 1: of their disk, or of RECORDINGS_MAX_GB"
+    )
+    room = GaugeMetricFamily("robotether_relay_recordings_free_ratio", meaning)
+    if free is not None:
+        room.add_metric([], free)
+    yield room
+
+
+def read_help_requests(
     read: Callable[[], Sequence[RelayRequest] | None],
 ) -> Iterator[GaugeMetricFamily]:
+    """Say what robots' open requests for help are, which are those of all cells; None: they are unknown."""
     count = GaugeMetricFamily(
         "robotether_relay_help_requests", "Open requests for help, by state", labels=["state"]
     )

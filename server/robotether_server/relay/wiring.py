@@ -46,7 +46,7 @@ from robotether_server.relay.control.head_signer import HeadSigner
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.event_loop import start_task
 from robotether_server.relay.http.sockets import robot_client
-from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.metrics import Metrics, read_feeds, read_help_requests
 from robotether_server.relay.observers import RelayObserver
 from robotether_server.relay.options import Listen, Timing
 from robotether_server.relay.records.database import RelayDatabase
@@ -339,7 +339,7 @@ class Relay:
         gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
         gauge("event_writer_waiting", "Entries not yet written", self.event_writer.waiting)
         gauge("event_writer_dropped", "Entries given up", lambda: self.event_writer.dropped)
-        self.metrics.collect_feeds(self.feeds.traffic)
+        self.metrics.collect(partial(read_feeds, self.feeds.traffic))
         self.metrics.collect_robots(self.fleet.state, registry)
-        self.metrics.collect_help_requests(self.fleet.known_help_requests)
+        self.metrics.collect(partial(read_help_requests, self.fleet.known_help_requests))
         self.metrics.collect_parts(self.sessions, self.database, self.cells)

@@ -2,6 +2,7 @@
 
 import os
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -11,7 +12,13 @@ from robotether_server.db.fleet import RelayRequest, RelayRobot, Snapshot
 from robotether_server.disks import read_space
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.video.feeds import Feed, FeedKey, FeedTraffic
-from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.metrics import (
+    Metrics,
+    read_backups,
+    read_disks,
+    read_help_requests,
+    read_room,
+)
 from robotether_server.relay.robots.drive_log import CameraCounts
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import GuardReport, Presence
@@ -34,7 +41,7 @@ def lines(metrics):
 def test_age_of_backups_is_infinite_without_one_and_absent_where_it_is_unknown(metrics, tmp_path):
     """An alarm on a great age also comes where none was ever made."""
     folder = tmp_path / "record"
-    metrics.collect_backups(folder)
+    metrics.collect(partial(read_backups, folder))
     assert not [line for line in lines(metrics) if line.startswith("robotether_relay_backup")]
     folder.mkdir()
     assert "robotether_relay_backup_age_seconds +Inf" in lines(metrics)
@@ -65,7 +72,8 @@ def test_refusals_are_counted_from_zero_on(metrics):
 def test_disks_are_named_and_absent_where_they_are_unknown(metrics, tmp_path):
     database, name = tmp_path / "database", "robotether_relay_disk_free_ratio"
     database.write_text("1 3\n8:1\n")
-    metrics.collect_disks(lambda: read_space(tmp_path), lambda: 0.5, database, tmp_path)
+    metrics.collect(lambda: read_disks(read_space(tmp_path), database, tmp_path))
+    metrics.collect(partial(read_room, 0.5))
     shown = {line.rpartition(" ")[0]: line for line in lines(metrics) if line.startswith(name)}
     assert len(shown) == 2
     device = tmp_path.stat().st_dev
@@ -84,7 +92,7 @@ def test_requests_for_help_are_counted_and_absent_where_they_are_unknown(metrics
     states = (("waiting", 4.0), ("offered", 30.0), ("accepted", 90.0))
     requests = [RelayRequest(7, state, age_s, None, None) for state, age_s in states]
     answers = iter([requests, [], None])
-    metrics.collect_help_requests(lambda: next(answers))
+    metrics.collect(partial(read_help_requests, lambda: next(answers)))
 
     def samples():
         return [line for line in lines(metrics) if line.startswith("robotether_relay_help")]
