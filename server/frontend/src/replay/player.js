@@ -52,7 +52,9 @@ export class Player {
   }
 
   play() {
-    if (this.atMs >= this.durationMs) this.seek(0);
+    if (this.error)
+      this.seek(this.atMs); // it reads no further by itself
+    else if (this.atMs >= this.durationMs) this.seek(0);
     this.playing = true;
     this.lastAt = this.now();
     this.onState();
