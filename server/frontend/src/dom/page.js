@@ -130,10 +130,10 @@ export function make(tag, attributes = {}, ...children) {
   return element;
 }
 
-// Makes a button with a test id; `act` comes with each click.
+// Makes a button with a test id; `act` comes with each press.
 export function makeButton(testId, text, act, attributes = {}) {
   const button = make("button", { type: "button", "data-testid": testId, ...attributes }, text);
-  button.addEventListener("click", act);
+  onPress(button, act);
   return button;
 }
 
@@ -148,7 +148,7 @@ export function keepFocus(change, buttons, last) {
 // What an element holds, to compare it with another answer's: each has its own token in its forms.
 export const withoutTokens = (element) => element.innerHTML.replace(/(name="csrf_token" value=")[^"]*/g, "$1");
 
-// For what is pressed while driving: a finger beside the one that holds the stick makes no click.
+// For what is pressed while a finger holds the stick or rests beside it: another one makes no click.
 export function onPress(button, act) {
   button.addEventListener("click", act);
   button.addEventListener("pointerup", (event) => !event.isPrimary && event.pointerType === "touch" && act(event));
