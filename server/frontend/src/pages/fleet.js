@@ -152,6 +152,7 @@ const feed = new Feed({
   onRemoved: ({ name }) => remove(name),
   onState: (state) => {
     feedState.dataset.feed = state;
+    main.dataset.feed = state;
     setText(feedState, feedTexts[state]);
   },
 });
