@@ -186,7 +186,6 @@ function useLink(live) {
   if (live) {
     driveMode.settle();
     view.retryNow();
-    showWatchers(); // the news of this connection may have come before it was live
   } else {
     summary?.linkEnded();
     discovery.stop();
@@ -234,9 +233,13 @@ function showBanner() {
   const drive = { driving, armed, control, stopped, mayDrive, free, again: driveMode.wasStopped };
   banner.show(connection.state, { ...facts, ...drive, video: interlock.kind, hasCamera: view.hasCamera });
   setText(byTestId(root, "recording"), recorded(connection.live ? facts.recording : Boolean(facts.recording), Boolean(control.driver)));
+  setText(byTestId(root, "watchers"), session.controlState.linked ? watchers(others()) : "");
   stopBar.offer(driveMode.wasStopped ? "again" : "idle");
   stopBar.know(session.controlState.linked || facts.isFed);
 }
+
+// All who watch but this page's own user, whom the server counts, too, while the link stands, except while that user drives.
+const others = () => facts.observers - Number(!facts.drivers.includes(user));
 
 function showRoundTrip(reading) {
   const parts = { server: session.clockSync.roundTripMs, robot: facts.rttMs };
@@ -266,7 +269,6 @@ function receiveRobot(update) {
   Object.assign(facts, { since: online ? "" : localTime(since), why: why ?? "", disabled: state === "disabled" });
   receiveRecording(Boolean(update.recording));
   view.overlays.showBattery(update);
-  showWatchers();
   if (control) session.controlState.fromFeed(control);
   showBanner();
   if (!wasOnline && online && ros !== "down") retryNow();
@@ -283,12 +285,6 @@ function checkSilence() {
   if (silentS === facts.silentS) return;
   facts.silentS = silentS;
   showBanner();
-}
-
-// All but this page's own user, whom the server counts, too, except while that user drives.
-function showWatchers() {
-  const counted = !facts.drivers.includes(user) && (connection.live || topics.observerConnection.live);
-  setText(byTestId(root, "watchers"), watchers(facts.observers - Number(counted)));
 }
 
 function retryNow() {
@@ -309,7 +305,6 @@ function forgetRobot() {
   Object.assign(facts, { rttMs: null, observers: 0, isFed: false });
   receiveRecording(null);
   view.overlays.showBattery({ online: false });
-  showWatchers();
   showBanner();
 }
 
