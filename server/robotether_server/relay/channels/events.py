@@ -21,6 +21,8 @@ from robotether_server.relay.control.fleet_events import Event, FleetEvents, Sub
 # Interval between comments on a quiet stream. Pages call one dead that is silent for 7 s.
 COMMENT_EVERY_S = 3.0
 SLOW_AFTER_S = 10.0
+# Minimum interval between events: a robot that reports without a pause must not keep all clients' streams busy.
+EVENTS_EVERY_S = 0.05
 HEADERS = {
     "Content-Type": "text/event-stream; charset=utf-8",
     "Cache-Control": "no-store",
@@ -64,6 +66,7 @@ class EventsHandler:
             await subscriber.wait(COMMENT_EVERY_S)
             events = subscriber.pop_events()
             await _write(response, render(events) if events else b": awake\n\n")
+            await asyncio.sleep(EVENTS_EVERY_S)
 
 
 def render(events: list[Event]) -> bytes:

@@ -163,3 +163,16 @@ async def test_a_stream_ends_with_its_login_and_not_without_a_database(
         memory_database.credentials.clear()
         async with asyncio.timeout(WAIT_S):
             await events.ended()
+
+
+async def test_a_robot_that_reports_without_a_pause_fills_no_stream(follow, fleet_events, robots):
+    async with follow(ANN) as events:
+        await events.next("fleet")
+        for turn in range(100):
+            robots.ensure_robot(7).presence = Presence(online=True, rtt_ms=turn)
+            fleet_events.changed(7)
+            await asyncio.sleep(0.002)
+        seen = [(await events.robot_with())["rtt_ms"]]
+        while seen[-1] != 99:
+            seen.append((await events.robot_with())["rtt_ms"])
+        assert len(seen) < 50
