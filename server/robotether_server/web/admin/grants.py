@@ -15,7 +15,7 @@ from robotether_server.db.audit import Source
 from robotether_server.db.grants import GROUPS, LEVELS, SITES, Grant
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.users import User
-from robotether_server.problems import FieldInvalidError, RecordMissingError
+from robotether_server.problems import FieldInvalidError, NotPossibleError, RecordMissingError
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
 from robotether_server.web import confirmation, forms
@@ -122,18 +122,26 @@ def _give(tx: Transaction, source: Source) -> str:
     """Add the form's grant; return what is said of it."""
     to, scope = grantee(), chosen_scope(tx)
     if (number := forms.optional_number("grant", "Grant", 1, MAX_GRANT)) is not None:
-        _check_scope(db_grants.get(tx, number), scope)
+        _check_row(db_grants.get(tx, number), scope)
     level = forms.choice("level", "May", LEVELS)
     grant, _ = grants.give(tx, source, to, scope, level, ends_at=_ends_at())
     words = f"{grant.holder_words} may {level} {grant.scope_words}"
     return Markup("{}{}.").format(words[0].upper() + words[1:], _end_words(grant.ends_at))
 
 
-def _check_scope(grant: Grant, scope: Scope) -> None:
-    """Raise RecordMissingError if what a row of the list names is no longer what its grant is for."""
+def _check_row(grant: Grant, scope: Scope) -> None:
+    """Raise RecordMissingError if what a row names is no longer what its grant is for, NotPossibleError if it changed.
+
+    A row sends level and end together: the one that was not pressed would undo what another admin did.
+    """
     if (grant.robot or grant.site or "") != scope.name:
         raise RecordMissingError(
             f"cannot change the grant: it is for {grant.scope_words}, which has another name now; open this page anew"
+        )
+    present = f"{grant.level} {times.rfc3339(grant.ends_at) or ''}".strip()
+    if request.form.get("was", present).strip() != present:
+        raise NotPossibleError(
+            "cannot change the grant: somebody else has changed it; this page shows how it is now"
         )
 
 

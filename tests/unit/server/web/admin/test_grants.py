@@ -109,6 +109,16 @@ def test_a_grant_is_given_and_changed(admin, database):
         assert given in all_grants(database)
 
 
+def test_a_row_does_not_undo_what_another_admin_did(admin, database):
+    number = number_of(database, "user ann", "robot sim1")
+    row = FORM | {"scope": "robot:sim1", "grant": str(number), "was": "drive "}
+    assert 'name="was" value="drive "' in admin.ask("GET", "/admin/users/ann").text
+    assert send(admin, "/admin/users/ann/grants", **row | {"level": "observe"}).status_code == 303
+    answer = send(admin, "/admin/users/ann/grants", **row | {"ends_at": "2099-01-01T12:00"})
+    assert (answer.status_code, "somebody else has changed it" in answer.text) == (409, True)
+    assert ("user ann", "robot sim1", "observe") in all_grants(database)
+
+
 def test_a_wrong_grant_comes_back_with_the_page(admin, database):
     before = all_grants(database)
     for wrong in (
