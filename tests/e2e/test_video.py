@@ -45,8 +45,8 @@ def _view(page, source):
     return page.get_by_test_id(f"view-{[FRONT, REAR, MAP].index(source) + 1}")
 
 
-def _expect_picture(tile, state, seconds=10):
-    expect(tile).to_have_attribute("data-frame", state, timeout=seconds * 1000)
+def _expect_picture(tile, state):
+    expect(tile).to_have_attribute("data-frame", state)
 
 
 def _expect_main(page, topic):

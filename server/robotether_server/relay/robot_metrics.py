@@ -16,9 +16,7 @@ from robotether_server.relay.robots.robot import Robot
 # Maximum number of lines that are written at once, in some 2 ms.
 LINES_IN_PART = 2000
 # Encoders by their names in FFmpeg; a robot may report any text.
-ENCODERS = frozenset(
-    ("h264_v4l2m2m", "h264_nvenc", "h264_qsv", "h264_vaapi", "libx264", "libvpx", "h264_omx")
-)
+ENCODERS = frozenset(("h264_v4l2m2m", "h264_nvenc", "h264_qsv", "libx264", "libvpx"))
 
 # The labels of a value beside the robot's, and the value.
 Value = tuple[str, float]
