@@ -280,9 +280,12 @@ class Receiver:
 
     def _can_step(self) -> bool:
         """Whether frames have the quality that is in force."""
-        return self._is_encoding or (
-            self._steps_quality() and self._source_switch.condition().source == "web_video_server"
-        )
+        return self._is_encoding or (self._steps_quality() and self._is_by_server)
+
+    @property
+    def _is_by_server(self) -> bool:
+        """Whether web_video_server gives the frames, in the requested quality and size."""
+        return self._source_switch.condition().source == "web_video_server"
 
     def _basis(self) -> Basis | None:
         """Return what a frame that is sent now shows of the line."""
@@ -349,7 +352,7 @@ class Receiver:
         """Note the size of the frame that is sent next."""
         size = jpeg_size(new.frame.data) if new.frame.codec is JPEG else None
         self._encoder.note_size(size)
-        if new.source_request.width is None:
+        if new.source_request.width is None or not self._is_by_server:
             self._learn_size(size)
 
     def _learn_size(self, size: tuple[int, int] | None) -> None:
@@ -368,9 +371,10 @@ class Receiver:
         """
         while True:
             await asyncio.sleep(CHECK_EVERY_S if self._own_size is None else SIZE_EVERY_S)
-            sized = self._source_switch.source_request
-            is_live = self._source_switch.condition().state == "live"
-            if is_live and sized is not None and sized.width is not None:
+            sized, condition = self._source_switch.source_request, self._source_switch.condition()
+            if sized is None or sized.width is None:
+                continue
+            if condition.state == "live" and self._is_by_server:
                 whole = replace(sized, quality=SIZE_QUALITY, width=None, height=None)
                 with suppress(asyncio.TimeoutError):
                     frame = await within(SIZE_WITHIN_S, self._shared_sources.one_frame(whole))

@@ -16,7 +16,7 @@ from robotether_agent.video.receiver import Receiver
 from robotether_agent.video.shared_sources import SharedSources
 from robotether_agent.video.sources import CameraFrame, OnFrame, SourceRequest
 from robotether_common.codecs import CODECS, JPEG, Codec
-from robotether_common.frames import HEADER, KEY, STAMPED
+from robotether_common.frames import HEADER, KEY, STAMPED, Source
 
 SIZE = HEADER.size
 
@@ -72,6 +72,7 @@ FIRST = 100_000
 class World:
     def __init__(self, *, steps_quality: bool = True, encoders: EncoderPool | None = None) -> None:
         self.now_s = FIRST / 1000
+        self.kind: Source = "web_video_server"
         self.sent: list[tuple[str, int, float]] = []
         self.socket = FakeSocket()
         self.open: dict[SourceRequest, OnFrame] = {}
@@ -90,7 +91,7 @@ class World:
         self.task = asyncio.ensure_future(self.receiver.run())
 
     async def _run(self, source_request, take, tell) -> None:
-        tell("web_video_server")
+        tell(self.kind)
         self.open[source_request] = take
         try:
             await asyncio.Event().wait()

@@ -220,3 +220,12 @@ async def test_a_source_is_asked_for_the_shape_that_the_camera_has_now(world, mo
             return world.receiver._own_size == own and (request.width, request.height) == asked
 
         await eventually(is_asked, lambda: str(list(world.open)))
+
+
+async def test_a_source_that_makes_no_sizes_shows_the_cameras_own(world):
+    """Another source of it is not opened: raw images over rosbridge take a process of their own."""
+    world.kind = "rosbridge"
+    world.socket.ask("stream_request", width=320, height=240)
+    await world.until_open()
+    await world.pass_on(fake_jpeg(1))
+    assert world.receiver._own_size == (640, 480)

@@ -194,9 +194,11 @@ class Feed(SharedCopy[FeedKey, Viewer]):
     @property
     def lacks_encoder(self) -> bool:
         """Whether the robot sends JPEG although H.264 is requested, and not only until its encoder has started."""
-        if self.newest is None or self.newest.codec is not JPEG or self.status is None:
+        status = self.status
+        if self.newest is None or self.newest.codec is not JPEG or status is None:
             return False
-        return self.status.no_encoder not in ("", ENCODER_STARTS)
+        # An encoder at work has refused one frame.
+        return status.encoder is None and status.no_encoder not in ("", ENCODER_STARTS)
 
     def worth(self, driver_id: int | None) -> tuple[bool, bool]:
         """Return what decides which of a camera's feeds goes first: whether its driver follows it, or who may drive."""

@@ -166,6 +166,7 @@ async def test_who_does_not_decode_h264_takes_it_from_nobody(
     [
         (1, VideoStatus("live", codec="jpeg", no_encoder="PyAV is missing"), True),
         (1, VideoStatus("live", codec="jpeg", no_encoder=ENCODER_STARTS), False),
+        (1, VideoStatus("live", codec="jpeg", encoder="libx264", no_encoder="it is slow"), False),
         # Its status is of before the frame.
         (1, VideoStatus("live"), False),
         (2, VideoStatus("live", codec="h264"), False),
