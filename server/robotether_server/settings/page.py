@@ -164,7 +164,7 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
             "Set this if the battery shows ? or a wrong level.",
             empty="automatic",
             options={
-                "": "Automatic: by what the robot has shown",
+                "": "Automatic, by what it has shown",
                 "fraction": "From 0 to 1",
                 "percent": "From 0 to 100",
             },
