@@ -418,8 +418,17 @@ def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(
         expect(page.get_by_test_id("control")).to_have_attribute("data-mode", "drive")
         under = page.evaluate("(at) => document.elementFromPoint(...at).dataset.testid", point)
         assert under == "control-leave"
+        _assert_two_fingers_zoom_nothing(page, fingers)
     finally:
         release_all(stack, [ROBOT])
+
+
+def _assert_two_fingers_zoom_nothing(page, fingers):
+    """Stop would no longer be where it was."""
+    for name, up in [("speed-slow", 0), ("speed-fast", -3), ("speed-slow", 5), ("speed-slow", 6)]:
+        fingers.put(name, up=up)
+    assert page.evaluate("visualViewport.scale") == 1
+    fingers.lift_all()
 
 
 def _drive_again_by_thumb(page, fingers):
