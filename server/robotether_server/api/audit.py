@@ -62,7 +62,7 @@ def list_audit_events(caller: Caller, query: AuditQuery) -> AuditEventList | Res
     )
 
 
-class ControllerQuery(RobotQuery, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ControllerQuery(RobotQuery, frozen=True, kw_only=True):
     """At which time."""
 
     at: GivenTimestamp

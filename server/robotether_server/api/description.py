@@ -70,7 +70,10 @@ PROBLEMS = {
         "not_found: no such path",
     ),
     409: ("Conflict", "The request contradicts a record: see `code` and `detail`"),
-    413: ("TooLarge", "request_entity_too_large: over 64 KB; with the tag control over 4 KiB"),
+    413: (
+        "TooLarge",
+        "body_too_large: over 64 KB; with the tag control request_entity_too_large: over 4 KiB",
+    ),
     415: ("NotJson", "unsupported_media_type: the body was not sent as application/json"),
     422: ("Invalid", "field_invalid or record_refused: `detail` names the field"),
     429: (

@@ -131,7 +131,7 @@ class RobotChanges(Struct, forbid_unknown_fields=True):
     site: SiteName | UnsetType | None = UNSET
 
 
-class SessionQuery(RobotQuery, frozen=True, forbid_unknown_fields=True):
+class SessionQuery(RobotQuery, frozen=True):
     """The size of the list."""
 
     limit: Limit | UnsetType = UNSET

@@ -102,7 +102,7 @@ MeantMac = Annotated[
 ]
 
 
-class RobotQuery(Struct, frozen=True):
+class RobotQuery(Struct, frozen=True, forbid_unknown_fields=True):
     """Which robot is meant, beside the name in the path."""
 
     mac: MeantMac | UnsetType = UNSET

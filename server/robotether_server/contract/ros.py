@@ -26,7 +26,7 @@ RosType = Annotated[
 Seconds = Annotated[int, Meta(le=MAX_WAIT_S, extra_json_schema={"default": USUAL_WAIT_S})]
 
 
-class TopicQuery(RobotQuery, frozen=True, forbid_unknown_fields=True):
+class TopicQuery(RobotQuery, frozen=True):
     """Which messages, and for how long to wait for one."""
 
     type: RosType | UnsetType = UNSET
@@ -67,7 +67,7 @@ class TopicAnswer(Struct, frozen=True):
     message: Annotated[Raw, Meta(extra_json_schema={"type": "object"})]
 
 
-class ServiceQuery(RobotQuery, frozen=True, forbid_unknown_fields=True):
+class ServiceQuery(RobotQuery, frozen=True):
     """The service's type, and for how long to wait for its answer."""
 
     type: RosType | UnsetType = UNSET

@@ -19,6 +19,7 @@ from msgspec import UNSET, Struct
 from robotether_server import schemas
 from robotether_server.contract.control import (
     LeaseAction,
+    RobotQuery,
     ShownStop,
     SiteStop,
     StoppedRobot,
@@ -160,6 +161,7 @@ class ControlApi:
     async def _viewer_and_robot(self, request: web.Request) -> tuple[RelayUser, RelayRobot]:
         access_request = request_of(request)
         user = (await self.access.for_events(access_request)).user
+        schemas.read_query(request.query.items(), RobotQuery)
         return user, self.access.visible_robot(user, request.match_info["name"], access_request)
 
     async def _who_and_what(
@@ -167,6 +169,8 @@ class ControlApi:
     ) -> tuple[RelayUser, RelayRobot]:
         access_request = request_of(request, stops=stops)
         user = (await self.access.for_change(access_request)).user
+        if not stops:
+            schemas.read_query(request.query.items(), RobotQuery)
         return user, self.access.visible_robot(user, request.match_info["name"], access_request)
 
     def _managed_robots(self, user: RelayUser) -> list[RelayRobot]:

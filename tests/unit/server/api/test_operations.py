@@ -46,5 +46,6 @@ def test_nothing_is_done_to_a_robot_that_has_got_the_name(root, method, path, bo
     mac = root.get("/robots/sim1")["mac"]
     wrong = root.refused(method, f"/robots/sim2{path}?mac={mac}", body)
     assert wrong == (404, "robot_unknown")
-    assert root.refused(method, f"/robots/sim1{path}?mac=x", body) == (422, "field_invalid")
+    for wrong in ("mac=x", f"macs={mac}"):
+        assert root.refused(method, f"/robots/sim1{path}?{wrong}", body) == (422, "field_invalid")
     assert root.ask(method, f"/robots/sim1{path}?mac={mac.upper()}", body).status_code != 404

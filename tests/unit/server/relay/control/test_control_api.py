@@ -80,8 +80,10 @@ async def test_nothing_else_goes_to_a_robot_that_has_got_the_name(
     method, path, *body = call
     memory_database.add_robot(8, "sim2", u1="drive")
     await until(lambda: 8 in relay.relay.fleet.state().robots, "the relay knows both")
-    for mac, code in ((sim1.mac, "robot_unknown"), ("x", "field_invalid"), ("", "field_invalid")):
-        assert (await ask(method, f"{path}?mac={mac}", "ann", *body))[1]["code"] == code
+    wrong = ["mac=x", "mac="] if "video" in path else ["mac=x", "mac=", "mac_address=x"]
+    assert (await ask(method, f"{path}?mac={sim1.mac}", "ann", *body))[1]["code"] == "robot_unknown"
+    for query in wrong:
+        assert (await ask(method, f"{path}?{query}", "ann", *body))[1]["code"] == "field_invalid"
 
 
 async def test_head_is_answered_as_get(relay, sim1, http, people):
