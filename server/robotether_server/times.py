@@ -21,7 +21,7 @@ BOUNDS_S = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 
 # RFC 3339, which always has an offset; Python's own reader takes much more.
 _TIMESTAMP = re.compile(
-    r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?([Zz]|[+-]\d\d:\d\d)", re.ASCII
+    r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d(:\d\d(\.\d{1,9})?)?([Zz]|[+-]\d\d:\d\d)", re.ASCII
 )
 _DAY = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
 _LAST_OF_DAY = dt.time(23, 59, 59, tzinfo=dt.UTC)
