@@ -35,7 +35,7 @@ RELAYED = (
         name="events",
         summary="Follow the fleet, live",
         details="Server-sent events without an end, of the robots that the caller may see: `fleet` with all of them, "
-        "then `robot` at each change of one, and `removed`. After 10 s without an event a comment. A user may have 32 "
+        "then `robot` at each change of one, and `removed`. After 3 s without an event a comment. A user may have 32 "
         "at once.",
         who="user",
         answers={200: None},
