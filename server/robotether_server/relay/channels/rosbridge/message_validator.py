@@ -64,6 +64,8 @@ STOP_WORD = f'"{STOP}"'.encode()
 TOO_MANY = "cannot pass message: there are too many of them; send less often"
 # Number of action_msgs/GoalStatus for a goal that no action server has taken.
 STATUS_UNKNOWN = 0
+# The service of an action in ROS 2 with which roslibjs cancels all goals: who may send them may do that.
+CANCEL_GOAL = "/_action/cancel_goal"
 HIDING = frozenset(("fragment", "png"))
 # Refused before they count against what may be sent; all other refusals do.
 TOO_MUCH: Collection[Kind] = ("rate", "size")
@@ -193,14 +195,18 @@ class MessageValidator:
             raise MessageRefusedError(kind, why, fields)
 
     def _always(self, entry: Operation, fields: Mapping[str, Any], name: str) -> bool:
-        """Whether it passes without a glob: a driver's drive topics, everybody's look-ups."""
+        """Whether it passes without a glob: a driver's drive topics, everybody's look-ups, the cancel of goals."""
         if entry.right == "publish":
             return self._drives and self._is_drive_topic(name)
         look_ups = ROSAPI_LOOKUPS_OF_DRIVERS if self._drives else ROSAPI_LOOKUPS
         if fields["op"] == "call_service" and name in look_ups:
             _check_plain_values(fields)
             return True
-        return False
+        return fields["op"] == "call_service" and self._may_cancel(name)
+
+    def _may_cancel(self, service: str) -> bool:
+        action = service.removesuffix(CANCEL_GOAL)
+        return action != service and self._allowed["call"](action)
 
     def _missing_right(self, right: Right) -> str:
         if right != "subscribe" and not self._drives:

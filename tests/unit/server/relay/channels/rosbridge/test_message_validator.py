@@ -32,6 +32,16 @@ def test_a_level_sends_what_it_may_and_no_more(level, passing, refused_messages,
         assert (answer["id"], why in words_of(message, answer)) == ("x1", True)
 
 
+def test_who_may_send_goals_may_cancel_them_all():
+    at = validator("drive", {"policy": {"drive": {"call": ["/go"]}}})
+    for action in ("/go", "/fetch"):
+        message = {"op": "call_service", "service": f"{action}/_action/cancel_goal", "args": {}}
+        if action == "/go":
+            assert sent(message, at) == message
+        else:
+            assert refused(message, at)[0] == "service"
+
+
 def words_of(message, answer):
     """Return why a message is refused, as rosbridge answers what failed: who calls waits for nothing else."""
     if message["op"] == "call_service":
