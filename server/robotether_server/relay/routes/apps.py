@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any, Literal
 
 from aiohttp import WSMsgType, web
+from robotether_common.own_topics import same_type
 from robotether_common.ros import full_name
 
 from robotether_server.contract.routes import AppTopic, LiveApp
@@ -110,6 +111,8 @@ class App(ClientConnection):
         self._turns = turns
         self._offered: Topics = {}
         self._taken: Topics = {}
+        # The names by which the app knows what it takes, perhaps without the first slash.
+        self._short_names: dict[str, str] = {}
         # The routes from it and to it.
         self._readers: set[RouteSource] = set()
         self._sources: dict[int, RouteSource] = {}
@@ -206,11 +209,16 @@ class App(ClientConnection):
             case "advertise":
                 return self._note(self._offered, topic, message_id, message.get("type"))
             case "subscribe":
-                return self._note(self._taken, topic, message_id, message.get("type"))
+                why = self._note(self._taken, topic, message_id, message.get("type"))
+                if why is None:
+                    self._short_names[topic] = message["topic"]
+                return why
             case "unadvertise":
                 self._forget(self._offered, topic, message_id)
             case "unsubscribe":
                 self._forget(self._taken, topic, message_id)
+                if topic not in self._taken:
+                    self._short_names.pop(topic, None)
             case _:
                 return "cannot use the message: an app may only use the operations of topics"
         return None
@@ -270,7 +278,8 @@ class App(ClientConnection):
             if message is None or source.problem:
                 continue
             if (content := self._content(source, message.data)) is not None:
-                await self._send(write_json({"op": "publish", "topic": topic, "msg": content}))
+                name = self._short_names[topic]
+                await self._send(write_json({"op": "publish", "topic": name, "msg": content}))
                 source.on_sent(time.monotonic())
 
     def _content(self, source: RouteSource, data: bytes) -> dict[str, Any] | None:
@@ -289,7 +298,8 @@ def _why_unfit(topics: Topics, topic: str, source: RouteSource, verb: str) -> st
     types = topics.get(topic, {}).values()
     if not types:
         return f"the app does not {verb} {topic}"
-    return "" if source.route.type in types else f"the app has {topic} with another type"
+    is_fit = same_type(source.route.type) in map(same_type, types)
+    return "" if is_fit else f"the app has {topic} with another type"
 
 
 class Apps:
