@@ -215,8 +215,8 @@ class TopicCopies:
 def renamed(message: bytes, topic: str, name: str) -> bytes:
     """Return what rosbridge published on a topic, in JSON or CBOR, under another name of at most 255 bytes."""
     # Before the name are the operation and the member's own name.
-    head = message[: 40 + len(topic)]
-    for write in (write_json, _cbor_text):
+    head = message[: 40 + 2 * len(topic)]
+    for write in (write_json, _ujson_text, _cbor_text):
         if write(topic) in head:
             return message.replace(write(topic), write(name), 1)
     return message
@@ -230,6 +230,11 @@ def fragments(message: bytes, size: int, number: int) -> Iterator[bytes]:
         part = text[num * size : (num + 1) * size]
         members = {"op": "fragment", "id": str(number), "data": part, "num": num, "total": total}
         yield write_json(members)
+
+
+def _ujson_text(text: str) -> bytes:
+    """Write a text as rosbridge does on robots that have ujson."""
+    return write_json(text).replace(b"/", rb"\/")
 
 
 def _cbor_text(text: str) -> bytes:

@@ -106,10 +106,15 @@ async def test_messages_have_the_name_that_each_client_gave(relay, robot, observ
     assert subscribed(robot) == [ODOM]
 
 
-@pytest.mark.parametrize("name", ["a", "a" * 22, "a" * 23, "a" * 24, "a" * 254])
-def test_what_comes_in_cbor_is_renamed_too(name):
+def as_ujson(message):
+    return json.dumps(message).replace("/", r"\/").encode()
+
+
+@pytest.mark.parametrize("write", [cbor2.dumps, as_ujson])
+@pytest.mark.parametrize("name", ["a", "a" * 22, "a" * 23, "a" * 24, "a" * 254, "a/" * 120 + "a"])
+def test_what_comes_in_cbor_or_by_ujson_is_renamed_too(name, write):
     before, after = (
-        cbor2.dumps({"op": "publish", "topic": topic, "msg": {"data": f"/{name}"}})
+        write({"op": "publish", "topic": topic, "msg": {"data": f"/{name}"}})
         for topic in (f"/{name}", name)
     )
     assert renamed(before, f"/{name}", name) == after
