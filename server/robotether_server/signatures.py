@@ -23,7 +23,7 @@ from cryptography.hazmat.primitives.serialization import (
     load_ssh_public_key,
 )
 
-from robotether_server.identity import fingerprint_of, split_fields
+from robotether_server.identity import fingerprint_of
 
 MAGIC = b"SSHSIG"
 KEY_TYPE = b"ssh-ed25519"
@@ -68,7 +68,7 @@ def key_of(signature: str) -> str | None:
     """Return the public key that a signature claims to be of, None: it is no signature."""
     try:
         blob = _parse(signature)[0]
-        return f"{split_fields(blob)[0].decode('ascii')} {base64.b64encode(blob).decode()}"
+        return f"{_split_fields(blob)[0].decode('ascii')} {base64.b64encode(blob).decode()}"
     except (ValueError, IndexError, struct.error):
         return None
 
@@ -87,7 +87,7 @@ def is_signed(public_key: str, namespace: str, message: str, signature: str) -> 
 
 def _verify(public_key: str, outer: bytes, data: bytes) -> None:
     """Raise InvalidSignature, UnsupportedAlgorithm, ValueError or struct.error when the key has not signed the data."""
-    kind, raw = split_fields(outer)
+    kind, raw = _split_fields(outer)
     key, key_type = (
         load_ssh_public_key(public_key.encode()),
         public_key.split(maxsplit=1)[0].encode(),
@@ -95,7 +95,7 @@ def _verify(public_key: str, outer: bytes, data: bytes) -> None:
     if isinstance(key, Ed25519PublicKey) and kind == key_type == KEY_TYPE:
         key.verify(raw, data)
     elif isinstance(key, EllipticCurvePublicKey) and kind == key_type and kind in CURVE_HASHES:
-        r, s = (int.from_bytes(number) for number in split_fields(raw))
+        r, s = (int.from_bytes(number) for number in _split_fields(raw))
         key.verify(encode_dss_signature(r, s), data, ECDSA(CURVE_HASHES[kind]))
     elif isinstance(key, RSAPublicKey) and kind in RSA_HASHES:
         key.verify(raw, data, PKCS1v15(), RSA_HASHES[kind])
@@ -111,7 +111,7 @@ def _parse(signature: str) -> tuple[bytes, bytes, str, bytes]:
     blob = base64.b64decode("".join(lines[1:-1]), validate=True)
     if not blob.startswith(MAGIC + struct.pack(">I", 1)):
         raise ValueError("no signature of SSH")
-    key, namespace, reserved, hash_name, outer = split_fields(blob[len(MAGIC) + 4 :])
+    key, namespace, reserved, hash_name, outer = _split_fields(blob[len(MAGIC) + 4 :])
     if hash_name not in (b"sha256", b"sha512"):
         raise ValueError("of another kind")
     return key, _fields(namespace, reserved, hash_name), hash_name.decode(), outer
@@ -130,3 +130,20 @@ def _blob(public_key: str) -> bytes:
 
 def _fields(*fields: bytes) -> bytes:
     return b"".join(struct.pack(">I", len(field)) + field for field in fields)
+
+
+def _split_fields(blob: bytes) -> list[bytes]:
+    """Split SSH's wire format (RFC 4251): fields of a four-byte length and that many bytes.
+
+    Raises ValueError or struct.error where it is cut short.
+    """
+    fields = []
+    at = 0
+    while at < len(blob):
+        (length,) = struct.unpack_from(">I", blob, at)
+        field = blob[at + 4 : at + 4 + length]
+        if len(field) != length:
+            raise ValueError("cut short")
+        fields.append(field)
+        at += 4 + length
+    return fields
