@@ -9,19 +9,18 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
-import select
 import socket
 import subprocess
 import time
 from collections.abc import Mapping
-from contextlib import suppress
+
+from robotether_common.log_handler import LogHandler
 
 from robotether_agent.problems import UpgradeFailedError
 
 SERVICE = "robotether-agent.service"
 # Time limit for systemctl: TimeoutStopSec, then TimeoutStartSec.
 TIMEOUT_S = 120.0
-STDERR = 2
 # syslog's numbers, which journald takes off the line again.
 PRIORITIES = {
     logging.DEBUG: 7,
@@ -41,31 +40,6 @@ class JournalFormatter(logging.Formatter):
         """Return the record with its priority in front of each line."""
         prefix = f"<{PRIORITIES.get(record.levelno, 6)}>"
         return "\n".join(prefix + line for line in super().format(record).splitlines())
-
-
-class LogHandler(logging.Handler):
-    """Writes to stderr what need not wait: a journal or log driver that hangs must hold up no guard and no session."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._lost = 0
-        self._ready = select.poll()
-        self._ready.register(STDERR, select.POLLOUT)
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Write a record, or count that it is lost."""
-        text = self.format(record) + "\n"
-        if self._lost:
-            text = f"the log was full: {self._lost} messages are lost\n{text}"
-        data = text.encode(errors="backslashreplace")
-        for start in range(0, len(data), select.PIPE_BUF):
-            if not self._ready.poll(0):
-                self._lost += 1
-                return
-            # Where nobody reads it any more there is nobody to tell.
-            with suppress(OSError):
-                os.write(STDERR, data[start : start + select.PIPE_BUF])
-        self._lost = 0
 
 
 def set_up_log(level: str, environ: Mapping[str, str]) -> None:

@@ -14,6 +14,8 @@ from contextvars import ContextVar
 from datetime import UTC, datetime
 from typing import Literal
 
+from robotether_common.log_handler import LogHandler
+
 LogFormat = Literal["text", "json"]
 
 TEXT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
@@ -63,7 +65,7 @@ class JsonFormatter(logging.Formatter):
 
 def set_up(level: str, log_format: LogFormat) -> None:
     """Write what is logged from `level` on to standard error."""
-    logging.basicConfig(level=level.upper(), format=TEXT)
+    logging.basicConfig(level=level.upper(), format=TEXT, handlers=[LogHandler()])
     if log_format == "json":
         write_json(*logging.getLogger().handlers)
 

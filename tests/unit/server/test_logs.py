@@ -3,6 +3,9 @@
 import io
 import json
 import logging
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import pytest
@@ -54,3 +57,22 @@ def test_a_request_is_one_line_without_its_query_and_credentials(lines, web_sett
     assert (line["method"], line["status"], line["request_id"]) == ("GET", 404, REQUEST_ID)
     assert line["path"] == '/nothing/\n{"level":"info"}'
     assert SECRET not in json.dumps(lines())
+
+
+LOGS_MUCH = """
+import logging
+from robotether_server import logs
+logs.set_up("info", "text")
+logging.info("%d", "no number")
+for _ in range(2000):
+    logging.info("x" * 100)
+"""
+
+
+def test_a_log_that_nobody_reads_holds_up_nothing():
+    """A Docker daemon that hangs must not keep the relay from stopping robots."""
+    unread, log = os.pipe()
+    with os.fdopen(unread, "rb"), os.fdopen(log, "wb") as stderr:
+        environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+        command = [sys.executable, "-c", LOGS_MUCH]
+        subprocess.run(command, stderr=stderr, env=environ, timeout=60, check=True)
