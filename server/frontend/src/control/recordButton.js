@@ -8,6 +8,7 @@ import { recording as texts } from "../texts/panels.js";
 import { refusal } from "./stopping.js";
 
 const AGAIN_MS = 2000; // delay before the next look at one that is about to begin or end
+const WHILE_MS = 30_000; // and at one that goes on: its end changes no robot object while another records the robot
 const LISTED = 100; // as the server looks back: recordings by the robot's settings may be newer than one that a person asked for
 
 /** @typedef {{id: number, cause: string, state: string, asked_by: string | null, started_at: string | null}} Recording */
@@ -53,7 +54,13 @@ export class RecordButton {
     this.ending &&= this.underWay !== null;
     this.show();
     const isUnheard = !ok && refusal(status, 1) === "unheard";
-    if (isUnheard || this.isChanging) this.timer = setTimeout(() => this.refresh(), AGAIN_MS);
+    const delayMs = this.delayMs(isUnheard);
+    if (delayMs) this.timer = setTimeout(() => this.refresh(), delayMs);
+  }
+
+  delayMs(isUnheard) {
+    if (isUnheard || this.isChanging) return AGAIN_MS;
+    return this.underWay ? WHILE_MS : 0;
   }
 
   get isChanging() {

@@ -63,7 +63,8 @@ test("the second press of a double one does not stop what the first began", asyn
   assert.equal(calls[1], "/api/v1/recordings/7/stop");
 });
 
-test("a late answer of before a press changes nothing", async () => {
+test("a late answer of before a press changes nothing", async (context) => {
+  context.mock.timers.enable({ apis: ["setTimeout"] });
   const answers = /** @type {((answer: object) => void)[]} */ ([]);
   const api = { get: () => new Promise((resolve) => answers.push(resolve)), post: async () => ({ ok: true }) };
   const { root, button } = open(api);
@@ -74,7 +75,7 @@ test("a late answer of before a press changes nothing", async () => {
   assert.equal(part(root, "record").textContent, "Stop recording");
 });
 
-test("what no server answered is asked again, and a problem ends with what came of it", async (context) => {
+test("what no server answered is asked again, and problem and recording end with what came of them", async (context) => {
   context.mock.timers.enable({ apis: ["setTimeout"] });
   let answer = /** @type {object} */ ({ ok: false, status: 0 });
   const api = { get: async () => answer, post: async () => ({ ok: false, detail: "" }) };
@@ -90,6 +91,10 @@ test("what no server answered is asked again, and a problem ends with what came 
   button.receive(true);
   await settle();
   assert.match(part(root, "record-state").textContent, /^Recorded since/);
+  answer = { ok: true, body: { recordings: [asked({ state: "ended" })] } };
+  context.mock.timers.tick(30_000);
+  await settle();
+  assert.equal(part(root, "record").textContent, "Record");
 });
 
 const DRIVE = { started_at: "2026-01-01T12:00:00Z", ended_at: "2026-01-01T12:02:05Z", distance_m: 14.24, top_speed_m_s: 0.8 };
