@@ -77,8 +77,8 @@ def get_recording(caller: Caller, recording_id: int) -> Recording:
 def stop_recording(caller: Caller, recording_id: int) -> Recording:
     """Stop a recording, within 2 s.
 
-    For the caller who asked for it, and for those who manage the robot. If the robot was renamed or moved to another
-    machine, it stops, and answers with, the recording that goes on. One by the robot's settings begins anew.
+    For the caller who asked for it, and for those who manage the robot. If another one goes on in its place, it stops,
+    and answers with, that one. One by the robot's settings begins anew.
     """
     return recording_service.stop(caller.tx, caller.user, recording_id)
 

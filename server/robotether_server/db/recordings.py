@@ -220,7 +220,7 @@ def _recording(row: Row) -> Recording:
 
 
 def find_later(tx: Transaction, recording_id: int) -> int | None:
-    """Return the recording that goes on in place of one whose robot moved or was renamed."""
+    """Return the recording that goes on in place of one that ended so."""
     row = tx.row(
         "SELECT later.id FROM recordings r JOIN recordings later ON later.robot_id = r.robot_id"
         " AND later.first_asked_at = COALESCE(r.first_asked_at, r.asked_at) AND later.id > r.id WHERE r.id = %s"
@@ -344,7 +344,7 @@ def end(
 
 
 def ask_again(tx: Transaction, recording_id: int) -> None:
-    """Ask all cells' recorders for what somebody asked for, whose robot moved or has another name."""
+    """Ask all cells' recorders for what somebody asked for, in place of one that ended for another reason."""
     tx.change(
         "INSERT INTO recordings (robot_id, robot, cause, asked_by_id, asked_by, first_asked_at)"
         " SELECT r.robot_id, b.name, r.cause, r.asked_by_id, r.asked_by, COALESCE(r.first_asked_at, r.asked_at)"

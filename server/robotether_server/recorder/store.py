@@ -27,6 +27,8 @@ from robotether_server.times import utc_now
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
+# Ends of which the person who asked for the recording knows nothing: it goes on in another.
+CONTINUED_ENDS = frozenset(("robot_moved", "robot_renamed", "recorder_stopped"))
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ class RecorderStore:
         recordings.end(
             tx, recording_end.id, recording_end.code, recording_end.progress, recording_end.ended_at
         )
-        if recording_end.code in {"robot_moved", "robot_renamed"}:
+        if recording_end.code in CONTINUED_ENDS:
             recordings.ask_again(tx, recording_end.id)
         audit.record(
             tx,

@@ -28,7 +28,7 @@ def ask(tx: Transaction, user: User, name: str) -> Recording:
 def stop(tx: Transaction, user: User, recording_id: int) -> Recording:
     """End a recording that the user asked for, or one of a robot that the user manages; return it.
 
-    If its robot moved or was renamed, that is the one that goes on. Raises RecordMissingError or GrantMissingError.
+    If another goes on in its place, that is the one. Raises RecordMissingError or GrantMissingError.
     """
     recording = recordings.get(tx, user, "drive", recording_id)
     if recording.asked_by != user.name and not _manages(tx, user, recording_id):

@@ -117,19 +117,24 @@ async def test_an_asked_recording_goes_on_where_the_robot_goes(
     assert rows(database)[2] == ("asked", "ann", "a", "too_long")
 
 
-async def test_an_asked_recording_goes_on_when_its_robot_is_renamed(
-    cells, database, robot_id, admin_database
+@pytest.mark.parametrize(
+    ("code", "name"), [("robot_renamed", "rover"), ("recorder_stopped", "sim1")]
+)
+async def test_an_asked_recording_goes_on_after_a_rename_or_an_upgrade(
+    *, cells, database, robot_id, admin_database, code, name
 ):
     number = ask(database, robot_id)
     await cells[0].report(HERE)
     with admin_database.transaction() as tx:
-        tx.change("UPDATE robots SET name = 'rover'")
+        tx.change("UPDATE robots SET name = %s", (name,))
+    if code == "recorder_stopped":
+        await cells[0].service.close()
     for _ in range(2):
         await cells[0].report(HERE)
-    assert rows(database) == [("asked", "ann", "a", "robot_renamed"), ("asked", "ann", "a", None)]
+    assert rows(database) == [("asked", "ann", "a", code), ("asked", "ann", "a", None)]
     with database.transaction() as tx:
         later = recording_service.stop(tx, users.get(tx, "ann"), number)
-    assert (later.id, later.robot) == (number + 1, "rover")
+    assert (later.id, later.robot) == (number + 1, name)
     await cells[0].service.step()
 
 
