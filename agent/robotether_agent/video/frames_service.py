@@ -17,6 +17,7 @@ import logging
 from collections import Counter
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import AsyncExitStack, closing, contextmanager, suppress
+from dataclasses import replace
 
 import aiohttp
 from aiohttp import web
@@ -28,6 +29,7 @@ from robotether_agent.rosbridge import RosGraph
 from robotether_agent.rosbridge_socket import close_reason
 from robotether_agent.tasks import within
 from robotether_agent.unsent import SEND_BYTES, keep_little_unsent
+from robotether_agent.video.encoding import encoded_size
 from robotether_agent.video.frame_encoder import EncoderPool
 from robotether_agent.video.receiver import OnFrameSent, Receiver
 from robotether_agent.video.shared_sources import MAX_SHARED_SOURCES, SharedSources
@@ -187,9 +189,20 @@ class FramesService:
         return await self._first_frame(_source_request(request, _topic(request)))
 
     async def _first_frame(self, source_request: SourceRequest) -> web.StreamResponse:
+        source_request = await self._shaped(source_request)
         with closing(_Newest(self._shared_sources, source_request)) as newest:
             frame = await newest.first()
         return web.Response(body=frame.data, content_type=frame.codec.mime_type)
+
+    async def _shaped(self, source_request: SourceRequest) -> SourceRequest:
+        """Request the camera's shape of web_video_server, which makes the requested size of any."""
+        width, height = source_request.width, source_request.height
+        if width is None or height is None or not self._sources.steps_quality(source_request.topic):
+            return source_request
+        own = await self._shared_sources.own_size(source_request)
+        if own is not None:
+            width, height = encoded_size(own, (width, height), 1.0)
+        return replace(source_request, width=width, height=height)
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         source_request = _source_request(request, _topic(request))

@@ -11,7 +11,6 @@ import asyncio
 import json
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -20,7 +19,7 @@ from robotether_common.codecs import H264, JPEG, Codec
 from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest, VideoStatus
 
 from robotether_agent.clock import robot_time
-from robotether_agent.tasks import first_of, within
+from robotether_agent.tasks import first_of
 from robotether_agent.video.encoder_messages import EncoderError
 from robotether_agent.video.encoding import encoded_size
 from robotether_agent.video.frame_encoder import EncoderPool, FrameEncoder, requested_size
@@ -50,9 +49,6 @@ MAX_IN_FLIGHT = 8
 SOURCE_QUALITY = 90
 # Time over which frames are counted for a rate.
 COUNTED_S = 2.0
-# Interval between looks at the camera's own size while another one is requested, time limit for that frame, and its
-# quality.
-SIZE_EVERY_S, SIZE_WITHIN_S, SIZE_QUALITY = 30.0, 10.0, 1
 # What a status names as the encoder of H.264 that the robot's own nodes publish.
 OWN_ENCODER = "the camera"
 
@@ -370,15 +366,12 @@ class Receiver:
         web_video_server makes the requested size of any shape.
         """
         while True:
-            await asyncio.sleep(CHECK_EVERY_S if self._own_size is None else SIZE_EVERY_S)
+            await asyncio.sleep(CHECK_EVERY_S)
             sized, condition = self._source_switch.source_request, self._source_switch.condition()
             if sized is None or sized.width is None:
                 continue
             if condition.state == "live" and self._is_by_server:
-                whole = replace(sized, quality=SIZE_QUALITY, width=None, height=None)
-                with suppress(asyncio.TimeoutError):
-                    frame = await within(SIZE_WITHIN_S, self._shared_sources.one_frame(whole))
-                    self._learn_size(jpeg_size(frame.data))
+                self._learn_size(await self._shared_sources.own_size(sized))
 
     async def _send(self) -> None:
         while True:

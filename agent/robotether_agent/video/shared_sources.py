@@ -9,6 +9,9 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from dataclasses import replace
+from math import inf
 from random import Random
 
 from robotether_common.frames import Source, VideoStatus, no_frames
@@ -16,6 +19,8 @@ from robotether_common.frames import Source, VideoStatus, no_frames
 from robotether_agent.backoff import delays
 from robotether_agent.clock import robot_time
 from robotether_agent.fields import printable
+from robotether_agent.tasks import within
+from robotether_agent.video.jpeg import jpeg_size
 from robotether_agent.video.sources import (
     CameraFrame,
     OnFrame,
@@ -31,6 +36,9 @@ SILENT_AFTER_S = 4.0
 MAX_PAUSE_S = 5.0
 MAX_SHARED_SOURCES = 8
 GIVE_UP_S = 5.0
+# Time after which a camera's own size is looked at again, as its node may have changed it; time limit for the frame
+# that shows it, and that frame's quality.
+SIZE_KEPT_S, SIZE_WITHIN_S, SIZE_QUALITY = 30.0, 2.0, 1
 # Part of the interval between frames in which a frame of another source is the same frame.
 SAME = 0.5
 MAX_INTERVAL_S = 1.0
@@ -134,6 +142,8 @@ class SharedSources:
         self._clock = clock
         self._shared_sources: dict[SourceRequest, SharedSource] = {}
         self._closing: set[asyncio.Future[None]] = set()
+        # By topic, with the time at which each was seen.
+        self._own_sizes: dict[str, tuple[tuple[int, int], float]] = {}
 
     def follow(self, source_request: SourceRequest, who: object, on_frame: OnFrame) -> SharedSource:
         """Give `who` all frames of a request from now on."""
@@ -155,8 +165,24 @@ class SharedSources:
             self._closing.add(closing)
             closing.add_done_callback(self._closing.discard)
 
-    async def one_frame(self, source_request: SourceRequest) -> CameraFrame:
-        """Return the next frame of a request, beside what is followed."""
+    async def own_size(self, source_request: SourceRequest) -> tuple[int, int] | None:
+        """Return the camera's own width and height, whatever size is requested; None if it gives no JPEG in time."""
+        topic, now_s = source_request.topic, self._clock()
+        size, seen_s = self._own_sizes.get(topic, (None, -inf))
+        if now_s - seen_s < SIZE_KEPT_S:
+            return size
+        whole = replace(source_request, quality=SIZE_QUALITY, width=None, height=None)
+        with suppress(asyncio.TimeoutError):
+            frame = await within(SIZE_WITHIN_S, self._one_frame(whole))
+            size = jpeg_size(frame.data) or size
+        self._own_sizes.pop(topic, None)
+        while len(self._own_sizes) >= MAX_SHARED_SOURCES:
+            del self._own_sizes[next(iter(self._own_sizes))]
+        if size is not None:
+            self._own_sizes[topic] = size, now_s
+        return size
+
+    async def _one_frame(self, source_request: SourceRequest) -> CameraFrame:
         coming: asyncio.Future[CameraFrame] = asyncio.get_running_loop().create_future()
 
         def on_frame(frame: CameraFrame) -> None:

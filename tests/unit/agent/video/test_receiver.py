@@ -7,7 +7,7 @@ import pytest
 from fake_cameras import fake_jpeg
 from fake_cloud import eventually
 from receiver_world import FIRST, SIZE, World, unpacked
-from robotether_agent.video import receiver as receiver_module
+from robotether_agent.video import shared_sources
 from robotether_agent.video.receiver import FrameRateLimiter
 from robotether_agent.video.sources import CameraFrame, SourceRequest
 from robotether_agent.video.waiting_frames import HELD_S, MAX_WAITING, NewFrame, WaitingFrames
@@ -202,7 +202,7 @@ def test_a_robot_that_makes_no_key_frames_is_named():
 
 async def test_a_source_is_asked_for_the_shape_that_the_camera_has_now(world, monkeypatch):
     """web_video_server makes the requested size of any shape, also after a camera has got another one."""
-    monkeypatch.setattr(receiver_module, "SIZE_EVERY_S", 0.01)
+    monkeypatch.setattr(shared_sources, "SIZE_KEPT_S", 0.0)
     world.socket.ask("stream_request", width=320, height=240)
     await world.until_open()
     for own, asked in (

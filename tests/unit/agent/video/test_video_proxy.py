@@ -386,6 +386,20 @@ async def test_a_still_of_a_camera_that_is_down_tells_why(world, monkeypatch):
     assert (await world.get("/robotether/snapshot?topic=" + "x" * 300))[0] == 400
 
 
+@pytest.mark.parametrize(
+    ("width", "height", "asked"), [(320, 320, ("320", "240")), (2000, 200, ("266", "200"))]
+)
+async def test_a_still_keeps_the_cameras_shape_in_the_requested_size(world, width, height, asked):
+    """Those of the fleet page have one size for cameras of all shapes."""
+    query = f"topic={TOPIC}&width={width}&height={height}"
+    assert (await world.get(f"/robotether/snapshot?{query}"))[0] == 200
+    whole, sized = world.camera.asked
+    assert "width" not in whole
+    assert (sized["width"], sized["height"]) == asked
+    await world.get(f"/robotether/snapshot?{query}")
+    assert len(world.camera.asked) == 3
+
+
 async def test_whoever_looks_whether_video_works_is_told(world):
     """The answer is a list; without any video it is as if nothing listened, which is what the server asks."""
     assert (await world.get("/"))[0] == 200
