@@ -1,5 +1,7 @@
 """Signatures in OpenSSH's format: `ssh-keygen -Y` reads ours, and we read its own."""
 
+import base64
+import struct
 import subprocess
 
 import pytest
@@ -55,6 +57,20 @@ def test_only_the_keys_own_signature_over_the_message_holds(tmp_path, kind, bits
 def test_damaged_signature_is_none(signature):
     assert not is_signed(SERVER.public_key, "a", "b", signature)
     assert key_of(signature) is None
+
+
+def test_a_key_whose_point_is_none_has_signed_nothing():
+    """Somebody may write it into the audit log, whose check must go on."""
+    own = base64.b64decode(SERVER.public_key.split()[1])
+    other = b"".join(map(field, (b"ecdsa-sha2-nistp256", b"nistp256", b"\0")))
+    begin, *lines, end = SERVER.sign("a", "b").splitlines()
+    blob = base64.b64decode("".join(lines)).replace(field(own), field(other))
+    signature = "\n".join((begin, base64.b64encode(blob).decode(), end))
+    assert not is_signed(key_of(signature), "a", "b", signature)
+
+
+def field(content):
+    return struct.pack(">I", len(content)) + content
 
 
 def test_openssh_verifies_what_the_server_signs(tmp_path):
