@@ -87,14 +87,14 @@ RELAYED = (
         details="It goes to the robot first, ends the lease, and holds until a driver releases it. An offline robot is "
         "stopped when it returns. The answer waits up to 1 s for `confirmed`: the guard has the stop on disk, or its "
         "disk failed and the robot is stopped. Another user's stop replaces an earlier one; the same user's within 1 s "
-        "does not. This is not a safety-rated emergency stop.",
+        "does not. A body that cannot be read is no reason, and refuses no stop. This is not a safety-rated emergency "
+        "stop.",
         who="user",
         tag="control",
         query=StopQuery,
         body=StopReason,
         is_body_required=False,
         answers=CONTROL,
-        problems=(400,),
     ),
     ApiOperation(
         method="POST",

@@ -39,15 +39,13 @@ SHOWN_DRIVER = Meta(
 
 
 def _reason(value: object, path: str) -> str:
-    """Return a text for people, which may be empty: no stop fails for the lack of a reason."""
-    if not isinstance(value, str) or len(value) > MAX_REASON or not value.isprintable():
-        raise FieldInvalidError(
-            f"cannot use {path}: it must be a text of at most {MAX_REASON} characters", path
-        )
-    return value
+    """Return a text for people, which may be empty, cut and in one line: no stop fails for its reason."""
+    if not isinstance(value, str):
+        raise FieldInvalidError(f"cannot use {path}: it must be a text", path)
+    return "".join(each if each.isprintable() else " " for each in value[:MAX_REASON])
 
 
-Reason = Annotated[str, Meta(extra_json_schema={"maxLength": MAX_REASON}, extra={"read": _reason})]
+Reason = Annotated[str, Meta(extra={"read": _reason})]
 
 
 class DriverObject(Struct, frozen=True):

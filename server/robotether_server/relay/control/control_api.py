@@ -34,6 +34,7 @@ from robotether_server.problems import (
     FieldInvalidError,
     GrantMissingError,
     HttpError,
+    RobotetherError,
 )
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.control.control import Control
@@ -89,11 +90,10 @@ class ControlApi:
     async def stop(self, request: web.Request) -> web.Response:
         """Stop a robot: whoever may see it."""
         user, robot = await self._who_and_what(request, stops=True)
-        body = schemas.read(await _members(request), StopReason)
         self.control.stops.stop(
             robot,
             user.name,
-            reason=body.reason,
+            reason=await _reason(request),
             address=_address(request),
             press=press_of(request.query.get("press")),
         )
@@ -202,6 +202,14 @@ def answer_json(answer: Struct) -> web.Response:
 
 def _address(request: web.Request) -> str | None:
     return request.headers.get("X-Forwarded-For")
+
+
+async def _reason(request: web.Request) -> str | None:
+    """Return the reason for a stop; None where the body is none that can be read, which refuses no stop."""
+    try:
+        return schemas.read(await _members(request), StopReason).reason
+    except (RobotetherError, web.HTTPRequestEntityTooLarge):
+        return None
 
 
 async def _members(request: web.Request) -> Mapping[str, object]:

@@ -129,8 +129,27 @@ async def test_who_stops_over_http_waits_behind_no_other_question(
     assert asked == [True, True, False]
 
 
-async def test_no_stop_fails_for_lack_of_a_reason(relay, guarded, sim1, ask):
-    for body in ({}, {"reason": None}, {"reason": " "}):
+async def test_no_stop_fails_for_its_body(relay, guarded, sim1, http, people):
+    """As curl sends it, from a program that knows other members, or cut off."""
+    stops, headers = relay.relay.control.stops, people["bob"]
+    as_json = {"Content-Type": "application/json"}
+    form = {"Content-Type": "application/x-www-form-urlencoded"}
+    for body, kind in (
+        (b'{"reason": "fire"}', form),
+        (b'{"why": "fire"}', as_json),
+        (b'{"reason": 7}', as_json),
+        (b'{"reason": "fi', as_json),
+        (b'"' + b"x" * 5000, as_json),
+    ):
+        url = f"{relay.url}{SIM1}/stop"
+        async with http.post(url, data=body, headers=headers | kind) as answer:
+            assert answer.status == 200
+        assert stops.of(sim1.id) is not None
+        await stops.release(sim1, "ann")
+
+
+async def test_no_stop_fails_for_its_reason(relay, guarded, sim1, ask):
+    for body in ({}, {"reason": None}, {"reason": " "}, {"reason": "line\n" * 99}):
         odd = f"{SIM1}/stop?press={'x' * 99}&mac=x"
         for path, by in ((odd, "bob"), ("/api/v1/stop", "carl")):
             assert (await ask("POST", path, by, body))[0] == 200
@@ -152,8 +171,8 @@ async def test_a_press_that_came_on_the_connection_is_no_stop_behind_its_release
 
 
 async def test_a_body_is_json(relay, http, people):
-    url = f"{relay.url}{SIM1}/stop"
-    async with http.post(url, data=b"reason=x", headers=people["ann"]) as answer:
+    url = f"{relay.url}{SIM1}/release"
+    async with http.post(url, data=b"by=x", headers=people["ann"]) as answer:
         assert answer.status == 415
     headers = people["ann"] | {"Content-Type": "application/json"}
     async with http.post(url, data=b"{", headers=headers) as answer:
