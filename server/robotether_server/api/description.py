@@ -98,8 +98,8 @@ BASE: Object = {
         "version": __version__,
         "license": {"name": "Apache-2.0", "identifier": "Apache-2.0"},
         "description": "Robots, rights and joins. docs/reference/protocols.md describes the WebSockets that a ticket "
-        "opens. A body must be sent as application/json, except for tickets and joins. Undescribed members are refused "
-        "(a join ignores them). "
+        "opens. A body must be sent as application/json, except for tickets, joins and stops. Undescribed members "
+        "are refused (a join and a stop of one robot ignore them). "
         "Operations with the tag admin answer 403 to users without that role, whatever they name.",
     },
     "servers": [{"url": "/"}],

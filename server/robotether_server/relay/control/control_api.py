@@ -140,7 +140,7 @@ class ControlApi:
     async def stop_many(self, request: web.Request) -> web.Response:
         """Stop all robots, or those of a site, that the caller manages."""
         user = (await self.access.for_change(request_of(request, stops=True))).user
-        body = schemas.read(await _members(request), SiteStop)
+        body = schemas.read(await _members(request, any_type=True), SiteStop)
         robots = [robot for robot in self._managed_robots(user) if body.site in {None, robot.site}]
         if not robots:
             where = "" if body.site is None else f" of site {body.site}"
@@ -207,17 +207,17 @@ def _address(request: web.Request) -> str | None:
 async def _reason(request: web.Request) -> str | None:
     """Return the reason for a stop; None where the body is none that can be read, which refuses no stop."""
     try:
-        return schemas.read(await _members(request), StopReason).reason
+        return schemas.read(await _members(request, any_type=True), StopReason).reason
     except (RobotetherError, web.HTTPRequestEntityTooLarge):
         return None
 
 
-async def _members(request: web.Request) -> Mapping[str, object]:
-    """Read a body, which may be missing."""
+async def _members(request: web.Request, *, any_type: bool = False) -> Mapping[str, object]:
+    """Read a body, which may be missing; with `any_type` also one that is sent as curl does without a type."""
     data = await request.read()
     if not data:
         return {}
-    if request.content_type != "application/json":
+    if request.content_type != "application/json" and not any_type:
         raise HttpError(415, "cannot read the body: send it as application/json")
     try:
         members = json.loads(data)
