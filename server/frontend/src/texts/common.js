@@ -44,7 +44,7 @@ export const connection = {
   },
   link_lost: {
     title: "Link lost",
-    detail: ({ reason }) => explained(reason, "No command reaches the robot. This page reconnects by itself."),
+    detail: ({ reason, driving }) => explained(reason, `${driving ? "No command reaches the robot. " : ""}This page reconnects by itself.`),
     action: "Try now",
   },
   server_unreachable: {
@@ -198,9 +198,9 @@ export const states = {
   blind: { title: "Driving without video", detail: () => "You cannot see what is in front of the robot." },
 };
 
-// What a robot does without commands.
+// What a robot does without commands; those of another driver may reach it while this page has no connection.
 function halts(guard) {
-  if (guard === "ready") return "The robot halts by itself.";
+  if (guard === "ready") return "Without commands the robot halts by itself.";
   return guard === "off"
     ? "Its guard is switched off: the robot does not stop by itself."
     : "Whether the robot halts by itself is not known.";

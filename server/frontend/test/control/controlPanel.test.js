@@ -247,10 +247,11 @@ test("a network is too slow when half the way there and back is more than the gu
 
 test("silence of server and video together says whether the robot halts, and offers no driving without video", () => {
   const { headline, detail, action } = states.silent;
-  assert.equal(`${headline({ silentS: 3 })} ${detail(FINE)}`, "No connection for 3 s. The robot halts by itself.");
+  assert.equal(`${headline({ silentS: 3 })} ${detail(FINE)}`, "No connection for 3 s. Without commands the robot halts by itself.");
   assert.equal(action, undefined);
   assert.match(detail({ control: { guard: "off" } }), /does not stop by itself/);
   assert.match(detail({ control: { guard: "unknown" } }), /not known/);
+  assert.equal(connection.link_lost.detail({ reason: "", driving: false }), "This page reconnects by itself."); // another may drive
 });
 
 test("silence counts from when the later of both came, in whole seconds", () => {

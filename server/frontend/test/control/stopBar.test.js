@@ -384,6 +384,7 @@ describe("a stop on its way", () => {
       assert.ok(texts[name](facts), name);
       assert.equal(texts[name](facts).startsWith("Stopped"), name === "stopped");
     }
+    assert.match(texts.unheard({ guard: "ready" }), /Without commands the robot halts/); // another person may drive it on
     assert.match(texts.unheard({ guard: "off" }), /does not stop by itself/);
     assert.match(texts.unheard({}), /halts by itself is not known/);
   });
