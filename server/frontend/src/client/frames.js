@@ -8,6 +8,7 @@ import { parse } from "./rosbridge.js";
 const OPEN_MS = 5000;
 const CHECK_MS = 100;
 const OLD_MS = 1000;
+const FIRST_MS = 4000; // time limit for the first frame on an open link, which may be on its way; a sender waits as long for its camera
 
 const BY_CODE = {
   1001: "restarting",
@@ -193,9 +194,14 @@ export class FrameStream {
     this.report({ frame: age, ...this.reason(age), ...this.details });
   }
 
+  get isStarting() {
+    return this.at === null && this.browser.now() - (this.link?.openedAt ?? -Infinity) < FIRST_MS;
+  }
+
   reason(age) {
     const { state, detail } = this.sender;
     if (age === "live") return { why: "", detail: "" };
+    if (state === "waiting" && this.isStarting) return { why: "starting", detail };
     if (state !== "live") return { why: state, detail };
     return { why: age === "old" ? "old" : "waiting", detail: "" };
   }
@@ -234,6 +240,7 @@ class FramesLink {
     this.keyRequestedAt = -Infinity;
     this.lacksKey = false; // and has not asked for it yet
     this.opened = false;
+    this.openedAt = now();
     this.receivedAt = now();
     this.timer = setInterval(() => this.tick(), SYNC_MS);
     socket.binaryType = "arraybuffer";
@@ -244,7 +251,7 @@ class FramesLink {
 
   open() {
     this.opened = true;
-    this.receivedAt = this.now();
+    this.openedAt = this.receivedAt = this.now();
     this.send({ op: "stream_request", ...this.request });
     this.sendSync(); // before the first credit, so that the first frame's timestamp is known
     this.credit(CREDITS);

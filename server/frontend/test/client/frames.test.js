@@ -148,6 +148,14 @@ test("a frame is old after a second, whether it came late or no other came", asy
   assert.deepEqual(why(), ["live", ""]);
 });
 
+test("a first frame may be on its way, so a sender without one has 4 s before its camera sends none", async () => {
+  (await goOpen()).tell({ op: "status", state: "waiting" });
+  await pass(3900);
+  assert.deepEqual(why(), ["none", "starting"]);
+  await pass(100);
+  assert.deepEqual(why(), ["none", "waiting"]);
+});
+
 test("the sender's status says why there is no frame, and unknown operations and broken texts say nothing", async () => {
   const socket = await goOpen();
   socket.tell({ op: "status", state: "down", detail: "no answer on 8080", source: "mjpeg" });
