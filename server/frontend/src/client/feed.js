@@ -5,6 +5,7 @@
 import { backoff } from "./api.js";
 
 const SILENCE_MS = 7000; // time limit for silence of the relay: over two of its comments
+const CHECK_MS = 1000;
 
 export class Feed {
   // `onState("connecting"|"live"|"lost"|"login")`; the other handlers get what the events carry.
@@ -21,6 +22,7 @@ export class Feed {
     this.onState = onState;
     this.delays = backoff();
     this.abort = null;
+    this.heardAt = NaN;
   }
 
   start() {
@@ -32,7 +34,8 @@ export class Feed {
   async open() {
     this.close();
     const abort = (this.abort = new AbortController());
-    this.expectMore();
+    this.heardAt = Date.now();
+    this.watch = setInterval(() => this.checkSilence(), CHECK_MS);
     const request = { headers: { Accept: "text/event-stream" }, signal: abort.signal, cache: /** @type {RequestCache} */ ("no-store") };
     const answer = await fetch("/api/v1/events", request).catch(() => null);
     if (answer?.body && answer.ok) await this.listen(answer.body.getReader());
@@ -45,7 +48,7 @@ export class Feed {
   async listen(body) {
     const reader = new EventReader();
     for (let bytes = await next(body); bytes; bytes = await next(body)) {
-      this.expectMore();
+      this.heardAt = Date.now();
       for (const event of reader.push(bytes)) this.receive(event);
     }
   }
@@ -56,10 +59,9 @@ export class Feed {
     this.handlers[name]?.(JSON.parse(data));
   }
 
-  // A network that goes away silently ends nothing.
-  expectMore() {
-    clearTimeout(this.silence);
-    this.silence = setTimeout(() => this.lose(), SILENCE_MS);
+  // A network that goes away silently ends nothing. By the time of day: a timer may stand still in a sleep of the machine.
+  checkSilence() {
+    if (Math.abs(Date.now() - this.heardAt) >= SILENCE_MS) this.lose();
   }
 
   lose() {
@@ -75,7 +77,7 @@ export class Feed {
 
   close() {
     clearTimeout(this.timer);
-    clearTimeout(this.silence);
+    clearInterval(this.watch);
     this.abort?.abort();
     this.abort = null;
   }

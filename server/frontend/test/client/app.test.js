@@ -89,7 +89,7 @@ test("a server that answers no more is left", async () => {
 });
 
 describe("events", () => {
-  let answers, states, heard, feed;
+  let answers, states, heard, wall, feed;
 
   // A stream of events that the test writes, as the server's next answer.
   function nextAnswer() {
@@ -102,8 +102,9 @@ describe("events", () => {
 
   beforeEach(() => {
     mock.timers.reset();
-    mock.timers.enable({ apis: ["setTimeout"] });
-    [answers, states, heard] = [[], [], []];
+    mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
+    [answers, states, heard, wall] = [[], [], [], 0];
+    mock.method(Date, "now", () => wall);
     globalThis.window = { addEventListener() {} };
     mock.method(globalThis, "fetch", async () => {
       const answer = answers.shift();
@@ -124,7 +125,10 @@ describe("events", () => {
   });
 
   async function pass(ms) {
-    mock.timers.tick(ms);
+    for (let left = ms; left > 0; left -= 1000) {
+      wall += Math.min(left, 1000);
+      mock.timers.tick(Math.min(left, 1000));
+    }
     await settle();
   }
 
@@ -169,6 +173,15 @@ describe("events", () => {
     await pass(1);
     assert.equal(states.at(-1), "lost");
     assert.equal(fetch.mock.calls[0].arguments[1].signal.aborted, true);
+  });
+
+  test("after a sleep of the machine a stream is lost at once, though its timers stood still", async () => {
+    nextAnswer().send("fleet", []);
+    feed.start();
+    await settle();
+    wall += 3_600_000;
+    await pass(1000);
+    assert.equal(states.at(-1), "lost");
   });
 
   test("an ended login ends the attempts and is reported as such", async () => {
