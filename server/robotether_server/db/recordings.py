@@ -362,9 +362,9 @@ def note_deleted(tx: Transaction, recording_id: int) -> None:
 
 
 def read_older(tx: Transaction, cell: str, before: dt.datetime) -> list[int]:
-    """Read which recordings of a cell, or of one that was removed, ended before a time."""
+    """Read which recordings of a cell, of one that was removed, or of none, ended before a time."""
     rows = tx.rows(
-        "SELECT id FROM recordings WHERE (cell = %s OR cell NOT IN (SELECT name FROM cells))"
+        "SELECT id FROM recordings WHERE COALESCE(cell, '') NOT IN (SELECT name FROM cells WHERE name <> %s)"
         " AND ended_at < %s AND deleted_at IS NULL ORDER BY id",
         (cell, before),
     )

@@ -1,7 +1,7 @@
 """What the recorder writes into the real database, also when that is away at times."""
 
 from relay_server import cell_settings
-from robotether_server.db import cells, recordings
+from robotether_server.db import cells, recordings, users
 from robotether_server.db.recordings import Progress, RecordableRobot
 from robotether_server.problems import StoreUnavailableError
 from robotether_server.recorder.store import RecorderStore, RecordingEnd
@@ -36,6 +36,27 @@ async def test_no_end_is_lost_while_the_database_is_away(
             " WHERE kind = 'recording_ended' ORDER BY id"
         )
     assert [line["recording"] for line in lines] == [str(number) for number in numbers]
+
+
+async def test_a_recorder_deletes_what_no_other_one_will(
+    recorder_database, relay_database, database
+):
+    """Also the record of what never began, and what a machine has that was removed."""
+    with relay_database.transaction() as tx:
+        for name in ("here", "there"):
+            cells.write_heartbeat(tx, cell_settings(name), cells.CellCounts(), utc_now())
+    numbers = {}
+    for cell in ("here", "there", "removed"):
+        store = RecorderStore(recorder_database, cell)
+        numbers[cell] = await store.add(RecordableRobot(7, "sim1"), "always", utc_now())
+    with database.transaction() as tx:
+        users.add(tx, "ann", "x", "user")
+        numbers["never begun"] = recordings.ask(tx, 7, "sim1", users.get(tx, "ann"))
+    for number in numbers.values():
+        store.end(RecordingEnd(number, "sim1", "recorder", "robot_offline", None, utc_now()))
+    await store.flush()
+    older = await RecorderStore(recorder_database, "here").read_older(utc_now())
+    assert {*older} == {number for cell, number in numbers.items() if cell != "there"}
 
 
 async def test_the_recordings_of_a_sites_other_machines_are_summed(
