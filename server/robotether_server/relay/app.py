@@ -99,7 +99,10 @@ def public_app(
             )
             return problem_answer(problem)
         except web.HTTPException as exc:
-            return problem_answer(_refusal(request, exc))
+            answer = problem_answer(_refusal(request, exc))
+            if "Allow" in exc.headers:
+                answer.headers["Allow"] = exc.headers["Allow"]
+            return answer
         except Exception:
             log.exception("%r failed", request.path[:200])
             return problem_answer(HttpError(500, "cannot answer: see the log of the relay"))

@@ -30,8 +30,8 @@ def channel_routes(
     return [
         web.get("/robots/{name}/ros", RosbridgeHandler(session_context).handle, allow_head=False),
         web.get("/robots/{name}/video/frames", frames.handle, allow_head=False),
-        web.route("*", "/robots/{name}/video", video.handle),
-        web.route("*", "/robots/{name}/video/{path:.*}", video.handle),
+        web.get("/robots/{name}/video", video.handle),
+        web.get("/robots/{name}/video/{path:.*}", video.handle),
         web.get("/api/v1/robots/{name}/topics/{topic:.+}", topics.handle, allow_head=False),
         web.post("/api/v1/robots/{name}/services/{service:.+}", services.handle),
         web.get("/api/v1/events", events.handle, allow_head=False),

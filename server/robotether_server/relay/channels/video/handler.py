@@ -22,7 +22,6 @@ from yarl import URL
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import (
-    HttpError,
     NoFramesError,
     TooManyConnectionsError,
     VideoDownError,
@@ -61,8 +60,6 @@ class VideoHandler:
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Answer one request until either side ends."""
-        if request.method not in {"GET", "HEAD"}:
-            raise HttpError(405, f"cannot {request.method} video: it can only be read")
         check_destination(request.headers)
         access_request = request_of(request)
         permit = await self.context.access.for_video(access_request, request.match_info["name"])

@@ -32,6 +32,7 @@ async def test_video_can_only_be_read(robot, video):
     for method in ("POST", "DELETE", "PUT"):
         async with video("snapshot", method=method) as answer:
             assert (answer.status, (await answer.json())["code"]) == (405, "method_not_allowed")
+            assert answer.headers["Allow"] == "GET,HEAD"
     async with video("snapshot", method="HEAD") as answer:
         assert answer.status == 200
     assert [request["method"] for request in robot.video_requests] == ["HEAD"]
