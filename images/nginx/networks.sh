@@ -3,7 +3,7 @@
 # shellcheck shell=sh
 list_networks() { # setting value
   case "$2" in
-    *[!0-9a-fA-F.:/,]*) fail "$1 is '$2'; allowed are networks such as 192.0.2.0/24, with commas between" ;;
+    *[!0-9a-fA-F.:/,\ ]*) fail "$1 is '$2'; allowed are networks such as 192.0.2.0/24, with commas between" ;;
   esac
   for network in $(echo "$2" | tr , ' '); do
     case "$network" in

@@ -145,7 +145,7 @@ def _parse_origins(text: str) -> tuple[str, ...]:
 
 
 def _parse_networks(text: str) -> tuple[str, ...]:
-    parts = text.split(",") if text else []
+    parts = [part.strip() for part in text.split(",")] if text else []
     networks = [ip_network(part, strict=False) for part in parts]
     # As images/nginx/networks.sh: what begins with no address is everybody, or half of them; nginx knows no masks.
     if any(network.network_address.is_unspecified for network in networks):

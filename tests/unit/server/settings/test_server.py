@@ -113,12 +113,13 @@ def test_every_default_is_allowed_and_no_secret_has_one(variable):
     [
         ("SSH_PORTS", "443,2222", (443, 2222)),
         ("ALLOWED_ORIGINS", "https://Lab:443, http://a:8080", ("https://lab", "http://a:8080")),
+        ("TRUSTED_PROXIES", "10.0.0.5/32, ::1/128", ("10.0.0.5/32", "::1/128")),
         ("TLS_FRONT", "10.0.0.1:443", ("10.0.0.1", 443)),
         ("ALLOW_LOCAL_MACS", "yes", True),
     ],
 )
 def test_value_is_read(name, text, value):
-    """Ports keep their order; white space after a comma is none of an origin's."""
+    """Ports keep their order; white space after a comma is no part of an origin or a network."""
     assert VARIABLES[name].read({name: text}) == value
 
 
