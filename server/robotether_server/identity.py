@@ -112,7 +112,7 @@ def _parse_key(text: str, types: tuple[str, ...]) -> PublicKey:
             "the file that ends in .pub",
             "public_key",
         )
-    words = text.strip().split(" ")
+    words = text.split()
     if len(text) > MAX_KEY_LENGTH or not text.strip().isprintable() or len(words) < 2:  # noqa: PLR2004 - type and key
         raise _invalid("it must be one line: type, key and perhaps a comment")
     kind, encoded = words[:2]
