@@ -109,7 +109,7 @@ class Collection(Generic[R]):
         for record in self._find(tx, "WHERE c.name = %s ORDER BY member", (name,)):
             return record
         raise RecordMissingError(
-            f"cannot find {self.kind} {name}: no such {self.kind}; add one with: {self.kind} add {name}"
+            f"cannot find {self.kind} {name}: no such {self.kind}; see the list of {self.kind}s"
         )
 
     def add(self, tx: Transaction, name: str) -> int:
@@ -186,7 +186,9 @@ def get(tx: Transaction, grant_id: int) -> Grant:
     """Return one grant; raise RecordMissingError."""
     row = tx.row(SELECT + "WHERE g.id = %s", (grant_id,))
     if row is None:
-        raise RecordMissingError(f"cannot find grant {grant_id}: there is none; see: grant list")
+        raise RecordMissingError(
+            f"cannot find grant {grant_id}: no such grant; see the list of grants"
+        )
     return Grant(**row)
 
 

@@ -188,7 +188,7 @@ def get(tx: Transaction, name: str) -> RobotRow:
 
 def missing(name: str) -> RecordMissingError:
     """Return the problem of a name that no robot has."""
-    return RecordMissingError(f"cannot find robot {name}: no such robot; see: robot list")
+    return RecordMissingError(f"cannot find robot {name}: no such robot; see the list of robots")
 
 
 def find_by_mac(tx: Transaction, mac: str) -> RobotRow | None:

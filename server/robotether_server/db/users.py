@@ -60,9 +60,7 @@ def get(tx: Transaction, name: str) -> User:
     """Return the user of that name; raise RecordMissingError."""
     user = find(tx, name)
     if user is None:
-        raise RecordMissingError(
-            f"cannot find user {name}: no such user; add one with: user add {name}"
-        )
+        raise RecordMissingError(f"cannot find user {name}: no such user; see the list of users")
     return user
 
 
