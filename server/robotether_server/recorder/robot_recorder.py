@@ -108,9 +108,10 @@ class RecentMessages:
         """Add the newest."""
         self._messages.append(message)
         self._bytes += MESSAGE_BYTES + len(message.data)
-        oldest_ns = message.log_ns - int(BEFORE_STOP_S * NS_PER_S)
+        # A clock that was set back leaves what is from the future.
         while self._messages and (
-            self._messages[0].log_ns < oldest_ns or self._bytes > self.max_bytes
+            abs(message.log_ns - self._messages[0].log_ns) > BEFORE_STOP_S * NS_PER_S
+            or self._bytes > self.max_bytes
         ):
             oldest = self._messages.popleft()
             self._bytes -= MESSAGE_BYTES + len(oldest.data)

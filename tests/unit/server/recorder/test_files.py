@@ -149,6 +149,9 @@ def test_what_waits_for_a_stop_is_bounded():
     for second in range(40):
         recent.add(count(0)._replace(log_ns=second * 10**9))
     assert [message.log_ns // 10**9 for message in recent.all()] == list(range(9, 40))
+    # Also when the clock is set back.
+    recent.add(count(0)._replace(log_ns=-3600 * 10**9))
+    assert len(recent.all()) == 1
     recent.max_bytes = 5000
     recent.add(count(0)._replace(log_ns=40 * 10**9, data=bytes(4000)))
     assert len(recent.all()) < 10
