@@ -72,16 +72,16 @@ def day_or_timestamp(field: str, text: str, *, is_end: bool) -> dt.datetime:
         ) from error
 
 
-def check_end(field: str, ends_at: dt.datetime, now: dt.datetime) -> None:
-    """Raise FieldInvalidError for an end that has passed, or is so far away that it must be a mistake."""
+def check_end(ends_at: dt.datetime, now: dt.datetime) -> None:
+    """Raise FieldInvalidError for a grant's end that has passed, or is so far away that it must be a mistake."""
     wait = ends_at - now
     if wait <= dt.timedelta():
         raise FieldInvalidError(
-            f"cannot use {field}: it has passed; give a time in the future", field
+            "cannot give a grant: its end has passed; give a time in the future", "ends_at"
         )
     if wait > MAX_WAIT:
         raise FieldInvalidError(
-            f"cannot use {field}: it is more than ten years away; leave it out for no end", field
+            "cannot give a grant: its end is over ten years away; leave it out for none", "ends_at"
         )
 
 

@@ -46,7 +46,7 @@ def give(
     Raises RecordMissingError, or FieldInvalidError for an invalid end.
     """
     if ends_at is not None:
-        times.check_end("ends_at", ends_at, tx.now())
+        times.check_end(ends_at, tx.now())
     pair = _pair(tx, grantee, scope)
     before = grants.find(tx, pair)
     grant = grants.get(tx, grants.put(tx, pair, level, ends_at))
