@@ -11,6 +11,7 @@ key, nor send anything to a host whose key it has not checked, or to one that is
 import base64
 import glob
 import logging
+import os
 import re
 import shlex
 import socket
@@ -40,6 +41,8 @@ CONNECT_TIMEOUT_S = 10.0
 ANSWER_WITHIN_S = 10
 LOGIN_TIMEOUT_S = 30
 KEEPALIVE_S = 10
+# OpenSSH's word for the agent that the environment names.
+USUAL_AGENT = "SSH_AUTH_SOCK"
 BETWEEN_PATHS = re.compile(r"\s+(?=[/~]|none$)")
 # Exit status of ssh-keygen for a name that is in no line.
 NOT_FOUND = 1
@@ -77,6 +80,7 @@ class Target:
     identities_only: bool
     connect_timeout_s: float
     jump: "Target | None" = None
+    identity_agent: str = USUAL_AGENT
 
 
 def choose(config: Path | None, patterns: Iterable[str]) -> list[str]:
@@ -208,6 +212,7 @@ def _target(name: str, options: dict[str, list[str]], jump: Target | None) -> Ta
         identities_only=first("identitiesonly") == "yes",
         connect_timeout_s=CONNECT_TIMEOUT_S if timeout == "none" else float(timeout),
         jump=jump,
+        identity_agent=first("identityagent", USUAL_AGENT),
     )
 
 
@@ -314,6 +319,19 @@ def changed(target: Target) -> FleetError:
     )
 
 
+class NamedAgent(paramiko.Agent):  # type: ignore[misc] # paramiko has no types
+    """The agent at a socket of the configuration, such as a password manager's; without one it has no keys."""
+
+    def __init__(self, path: str) -> None:
+        paramiko.agent.AgentSSH.__init__(self)
+        connection = socket.socket(socket.AF_UNIX)
+        try:
+            connection.connect(os.path.expandvars(path))
+            self._connect(connection)
+        except (OSError, paramiko.SSHException):
+            connection.close()
+
+
 class Identities(AuthStrategy):  # type: ignore[misc] # paramiko has no types
     """What one login tries. `locked`: files that need a passphrase."""
 
@@ -323,7 +341,8 @@ class Identities(AuthStrategy):  # type: ignore[misc] # paramiko has no types
         self.tried = 0
         self.locked: list[Path] = []
         # An agent's connection carries one request at a time, so each login has its own.
-        self._agent = paramiko.Agent()
+        is_usual = target.identity_agent == USUAL_AGENT
+        self._agent = paramiko.Agent() if is_usual else NamedAgent(target.identity_agent)
 
     def get_sources(self) -> Iterator[Any]:
         """Yield each key once."""

@@ -173,6 +173,23 @@ def offered(target):
 
 
 @pytest.mark.usefixtures("agent")
+def test_the_agent_is_that_of_the_configuration(tmp_path, monkeypatch):
+    line = make_key(tmp_path / "key")
+    add_to_agent(tmp_path / "key")
+    config = tmp_path / "config"
+
+    def offered_by(agent):
+        config.write_text(f"Host sim1\nIdentityFile none\nIdentityAgent {agent}\n")
+        return offered(fleet_ssh.resolve("sim1", config))
+
+    assert offered_by("none") == []
+    assert offered_by("SSH_AUTH_SOCK") == [line]
+    monkeypatch.setenv("OTHER", os.environ["SSH_AUTH_SOCK"])
+    monkeypatch.delenv("SSH_AUTH_SOCK")
+    assert offered_by("$OTHER") == [line]
+
+
+@pytest.mark.usefixtures("agent")
 def test_agents_keys_come_in_the_order_of_the_configuration(target, tmp_path):
     """The named key is first, then the agent's others, then files: a server that allows three tries sees the best."""
     lines = {name: make_key(tmp_path / name) for name in ("other", "named", "file")}
