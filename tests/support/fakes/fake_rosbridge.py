@@ -11,6 +11,7 @@ import asyncio
 import json
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Literal
 
 from aiohttp import WSMsgType, web
@@ -77,7 +78,8 @@ class FakeRosbridge(WebService):
 
     async def publish(self, topic: str, message: dict[str, Any]) -> None:
         for socket in self.sockets:
-            if not socket.closed:
+            # The other end may just leave.
+            with suppress(ConnectionError):
                 await socket.send_json({"op": "publish", "topic": topic, "msg": message})
 
     async def _serve(self, request: web.Request) -> web.StreamResponse:
