@@ -11,6 +11,7 @@ from fake_robot import HOST, WAIT_S
 from relay_clients import refusal
 from relay_server import BEN, EVE, until
 from robotether_server.db.routes import RouteEnd
+from robotether_server.relay.cells import feed
 from robotether_server.relay.cells.keys import PROOF_HEADER
 from robotether_server.relay.routes import routes as relay_routes
 from robotether_server.settings import robot as robot_settings
@@ -28,6 +29,8 @@ class TwoCells(RouteWorld):
 def memory_database(memory_database, monkeypatch):
     monkeypatch.setattr(relay_routes, "RETRY_AFTER_S", 0.05)
     monkeypatch.setattr(relay_routes, "CHECK_EVERY_S", 0.05)
+    # A frozen line is slow, not gone: else the cell ends the route, and what waits there is lost.
+    monkeypatch.setattr(feed, "SILENT_AFTER_S", WAIT_S)
     memory_database.add_robot(SOURCE, "sim2", u5="manage")
     memory_database.grants |= {(5, TARGET): "manage"}
     memory_database.routes = [FOLLOW]
