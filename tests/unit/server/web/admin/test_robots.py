@@ -89,6 +89,14 @@ def test_ticks_stay_where_a_search_shows_others(admin):
     assert "tick at most 100 robots at once" in answer.text
 
 
+def test_ticked_robots_are_offered_to_nobody_where_only_admins_are(admin, admin_database):
+    """Its question would name nobody."""
+    assert "/admin/selected-robots/grant" in admin.ask("GET", "/admin/robots").text
+    with admin_database.transaction() as tx:
+        tx.change("DELETE FROM users WHERE role <> 'admin'")
+    assert "/admin/selected-robots/grant" not in admin.ask("GET", "/admin/robots").text
+
+
 def test_a_list_of_robots_has_pages(admin, admin_database):
     with admin_database.transaction() as tx:
         for number in range(3, 62):
