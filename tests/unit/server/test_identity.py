@@ -121,6 +121,6 @@ def test_what_is_no_plain_key_is_refused(change):
     st.lists(st.just(b"nistp256") | st.binary(max_size=31), max_size=4),
 )
 def test_rubbish_is_refused_with_a_problem(kind, fields):
-    """Whatever a stranger's key has in the place of a point or a number."""
+    """A stranger's key may have anything in the place of a point or a number."""
     with pytest.raises(FieldInvalidError):
         parse_persons_key(f"{kind} {wire(kind.encode(), *fields)}")

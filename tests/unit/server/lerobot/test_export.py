@@ -128,7 +128,7 @@ def write_long(path):
 
 
 def write_with_clock_set_back(path):
-    """Two drives of the same times, one after the other."""
+    """Write two drives of the same times, one after the other."""
     drives = [RecordedDrive(seed, seconds=4).messages() for seed in (1, 2)]
     write_all(path, (each for drive in drives for each in sorted(drive, key=attrgetter("log_ns"))))
 

@@ -182,9 +182,9 @@ async def test_nothing_begins_on_what_a_lost_relay_last_said(
 async def test_of_a_killed_recorder_nothing_is_made_up(
     *, cells, recorder_database, database, robot_id, admin_database, chunks, lasted_s, is_removed
 ):
-    """Neither that nobody drove, nor that it went on until somebody started the recorder again.
+    """Its record names who drove, and does not last until somebody starts the recorder again.
 
-    Also of one whose machine was removed, and is back.
+    So it is where the machine was removed, and is back.
     """
     number, store = ask(database, robot_id), RecorderStore(recorder_database, "a")
     [row], [robot] = await store.read()

@@ -41,7 +41,7 @@ async def test_no_end_is_lost_while_the_database_is_away(
 async def test_a_recorder_deletes_what_no_other_one_will(
     recorder_database, relay_database, database
 ):
-    """Also the record of what never began, and what a machine has that was removed."""
+    """Nobody else deletes the record of what never began, and what a removed machine recorded."""
     with relay_database.transaction() as tx:
         for name in ("here", "there"):
             cells.write_heartbeat(tx, cell_settings(name), cells.CellCounts(), utc_now())

@@ -130,7 +130,7 @@ async def test_who_stops_over_http_waits_behind_no_other_question(
 
 
 async def test_no_stop_fails_for_its_body(relay, guarded, sim1, http, people):
-    """From a program that knows other members, or cut off."""
+    """A program may know other members, or be cut off."""
     stops, headers = relay.relay.control.stops, people["bob"]
     as_json = {"Content-Type": "application/json"}
     for body in (b'{"why": "fire"}', b'{"reason": 7}', b'{"reason": "fi', b'"' + b"x" * 5000):
@@ -142,7 +142,7 @@ async def test_no_stop_fails_for_its_body(relay, guarded, sim1, http, people):
 
 
 async def test_no_stop_fails_for_a_content_type(relay, guarded, sim1, http, people):
-    """As curl sends it by itself."""
+    """That of a form is what curl sends by itself."""
     form = {"Content-Type": "application/x-www-form-urlencoded"}
     for path, by in ((f"{SIM1}/stop", "bob"), ("/api/v1/stop", "carl")):
         headers = people[by] | form
