@@ -389,7 +389,7 @@ VIDEO = {
 
 
 def video_message(kind, data):
-    stamp = {"sec": int(time.time()), "nanosec": 0}
+    stamp = dict(zip(("sec", "nanosec"), divmod(time.time_ns(), 10**9), strict=True))
     times = {"timestamp": stamp} if "format" in VIDEO[kind] else {"header": {"stamp": stamp}}
     return {**times, **VIDEO[kind], "data": base64.b64encode(data).decode()}
 
@@ -412,15 +412,13 @@ async def test_h264_of_the_robot_comes_as_it_is(run, kind):
 
 async def test_h264_of_the_robot_becomes_jpeg_for_who_decodes_nothing_else(run):
     kind = next(iter(VIDEO))
-    frames = encoded_frames(3)
     async with FakeRosbridge({"/v": kind}) as rosbridge:
         given = source_settings(rosbridge=rosbridge.url, source="rosbridge")
         _, taken = run(given, SourceRequest("/v", 80, None, None, 15.0))
-        async with asyncio.timeout(30):
-            while not taken.pictures:
-                for data, _ in frames:
-                    await rosbridge.publish("/v", video_message(kind, data))
-                await asyncio.sleep(0.05)
+        await rosbridge.subscription("/v")
+        for data, _ in encoded_frames(3):
+            await rosbridge.publish("/v", video_message(kind, data))
+        await eventually(taken.some(1), taken.describe)
     assert {jpeg_size(frame.data) for frame in taken.pictures} == {(64, 48)}
 
 
