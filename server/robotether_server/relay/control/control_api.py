@@ -214,7 +214,12 @@ async def _reason(request: web.Request) -> str | None:
 
 async def _members(request: web.Request, *, any_type: bool = False) -> Mapping[str, object]:
     """Read a body, which may be missing; with `any_type` also one that is sent as curl does without a type."""
-    data = await request.read()
+    try:
+        data = await request.read()
+    except web.RequestPayloadError as exc:
+        raise HttpError(
+            400, "cannot read the body: it is cut off, or not compressed as it says"
+        ) from exc
     if not data:
         return {}
     if request.content_type != "application/json" and not any_type:
