@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.identity import normalise_mac
-from robotether_server.problems import FieldInvalidError, RobotetherError
+from robotether_server.problems import RobotetherError
 from robotether_server.schemas import Mac, PlainName, RobotName, UserName
 
 MAX_REASON = 255
@@ -38,10 +38,10 @@ SHOWN_DRIVER = Meta(
 )
 
 
-def _reason(value: object, path: str) -> str:
+def _reason(value: object, _path: str) -> str | None:
     """Return a text for people, which may be empty, cut and in one line: no stop fails for its reason."""
     if not isinstance(value, str):
-        raise FieldInvalidError(f"cannot use {path}: it must be a text", path)
+        return None
     return "".join(each if each.isprintable() else " " for each in value[:MAX_REASON])
 
 

@@ -202,6 +202,8 @@ class Servers:
             shutdown_timeout=HANDLERS_STOP_WITHIN_S,
             max_line_size=MAX_LINE_BYTES,
             max_field_size=MAX_LINE_BYTES,
+            # A body that is not packed as its header says would fail a stop, which needs none.
+            auto_decompress=False,
         )
         await runner.setup()
         self._runners.append(runner)

@@ -217,9 +217,7 @@ async def _members(request: web.Request, *, any_type: bool = False) -> Mapping[s
     try:
         data = await request.read()
     except web.RequestPayloadError as exc:
-        raise HttpError(
-            400, "cannot read the body: it is cut off, or not compressed as it says"
-        ) from exc
+        raise HttpError(400, "cannot read the body: it is cut off") from exc
     if not data:
         return {}
     if request.content_type != "application/json" and not any_type:
