@@ -133,15 +133,9 @@ async def test_no_stop_fails_for_its_body(relay, guarded, sim1, http, people):
     """A program may know other members, or be cut off."""
     stops, headers = relay.relay.control.stops, people["bob"]
     as_json = {"Content-Type": "application/json"}
-    for body, coded in (
-        (b'{"why": "fire"}', {}),
-        (b'{"reason": 7}', {}),
-        (b'{"reason": "fi', {}),
-        (b'"' + b"x" * 5000, {}),
-        (b"{}", {"Content-Encoding": "gzip"}),
-    ):
+    for body in (b'{"why": "fire"}', b'{"reason": 7}', b'{"reason": "fi', b'"' + b"x" * 5000):
         url = f"{relay.url}{SIM1}/stop"
-        async with http.post(url, data=body, headers=headers | as_json | coded) as answer:
+        async with http.post(url, data=body, headers=headers | as_json) as answer:
             assert answer.status == 200
         assert stops.of(sim1.id) is not None
         await stops.release(sim1, "ann")
