@@ -36,8 +36,10 @@ MAX_PACKET_BYTES = 64
 SERVER_NAME, GUARD_NAME = "guard-forks", "robot-guard"
 # Time limit for a program's first answer; a small computer that boots needs seconds to load Python.
 START_S = 20.0
-# Time limit for an answer: a robot that moves may wait for the next guard meanwhile.
+# Time limit for a guard: a robot that moves may wait for it.
 ANSWER_S = 0.4
+# Time limit for a sign of life, for which nobody waits: one that is only slow is better than none while Python starts.
+SIGN_OF_LIFE_S = 1.0
 # They end a guard, and not the server.
 END_SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
@@ -128,7 +130,7 @@ class ForkServer:
         self.pid = pid
         self._control = control
         self._reap = reap
-        self._answer_s = start_s
+        self._start_s = start_s
         self._answers: deque[asyncio.Future[int]] = deque()
         self._is_gone = False
 
@@ -145,7 +147,7 @@ class ForkServer:
             os.setsid()
             serve(theirs, run_guard)
         theirs.close()
-        return cls(ours, pid, partial(os.waitpid, pid, 0), ANSWER_S)
+        return cls(ours, pid, partial(os.waitpid, pid, 0), start_s=0.0)
 
     @classmethod
     def start(cls, command: Sequence[str]) -> ForkServer:
@@ -162,11 +164,11 @@ class ForkServer:
         except OSError as error:
             ours.close()
             raise GuardDownError(f"cannot start the guard: {error.strerror}") from error
-        return cls(ours, process.pid, process.wait, START_S)
+        return cls(ours, process.pid, process.wait, start_s=START_S)
 
     async def guard(self, stdin: int, stdout: int) -> int:
         """Fork a guard with these pipes, and return its process id; GuardDownError if that fails."""
-        answer = await self._answered(self._ask(FORK, (stdin, stdout)))
+        answer = await self._answered(self._ask(FORK, (stdin, stdout)), ANSWER_S)
         if answer < 0:
             raise GuardDownError(f"cannot start the guard: {os.strerror(-answer)}")
         return answer
@@ -177,7 +179,7 @@ class ForkServer:
 
     async def check(self) -> None:
         """Raise GuardDownError if it has ended or hangs."""
-        await self._answered(self._ask(PING))
+        await self._answered(self._ask(PING), SIGN_OF_LIFE_S)
 
     def kill(self) -> None:
         """End it at once; the guards that it has forked stay."""
@@ -189,8 +191,8 @@ class ForkServer:
         self.kill()
         self._on_end()
 
-    async def _answered(self, answer: asyncio.Future[int]) -> int:
-        await asyncio.wait({answer}, timeout=self._answer_s)
+    async def _answered(self, answer: asyncio.Future[int], limit_s: float) -> int:
+        await asyncio.wait({answer}, timeout=max(limit_s, self._start_s))
         if not answer.done():
             raise GuardDownError("the fork server hangs")
         return answer.result()
@@ -218,7 +220,7 @@ class ForkServer:
         if not packet:
             self._on_end()
             return
-        self._answer_s = ANSWER_S
+        self._start_s = 0.0
         answer = self._answers.popleft()
         if not answer.done():
             answer.set_result(int(packet))
