@@ -57,7 +57,9 @@ apt_install() {
 }
 
 need_database_here() { # what cannot be done
-  [[ $(tools/compose config --services) =~ (^|$'\n')mysql($|$'\n') ]] ||
+  local services
+  services=$(tools/compose config --services)
+  [[ $services =~ (^|$'\n')mysql($|$'\n') ]] ||
     fail "cannot $1: the database of this site is on another machine; run this there"
 }
 

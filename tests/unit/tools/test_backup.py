@@ -196,12 +196,23 @@ def backup_file(tmp_path):
     return tmp_path / "robotether.tar"
 
 
-def test_restore_touches_no_stack_that_has_data(checkout, backup_file):
+@pytest.mark.parametrize(
+    ("volumes", "says"),
+    [
+        ("lab_mysql\n", "the stack lab has data on this machine"),
+        (None, "nobody knows whether this machine has data of the stack"),
+    ],
+)
+def test_restore_touches_no_stack_that_may_have_data(checkout, backup_file, volumes, says):
     """It leaves its settings, too, and names what removes the data, or replaces the records alone."""
     (checkout / "compose" / ".env").unlink()
-    (checkout / "volumes_of_lab").write_text("lab_mysql\n")
+    if volumes:
+        (checkout / "volumes_of_lab").write_text(volumes)
+    else:
+        # So docker fails.
+        (checkout / "volumes_of_lab").unlink()
     done = run(checkout, "restore", str(backup_file), status=1)
-    assert "the stack lab has data on this machine" in done.stderr
+    assert says in done.stderr
     assert not (checkout / "compose" / ".env").exists()
 
 

@@ -13,6 +13,7 @@ case "$*" in
 esac
 """
 AWAY = """exec*) echo 'service "mysql" is not running' >&2; exit 1 ;;"""
+BREAKS_OFF = "*robotether_restoring*) exit 1 ;;"
 HALF_RESTORED = "*robotether_restoring*) echo robotether_restoring ;;"
 
 
@@ -20,6 +21,7 @@ HALF_RESTORED = "*robotether_restoring*) echo robotether_restoring ;;"
     ("answer", "says"),
     [
         (AWAY, "it cannot be asked what it has received"),
+        (BREAKS_OFF, "it cannot be asked whether a backup is half restored"),
         (HALF_RESTORED, "tools/restore --database"),
     ],
 )
