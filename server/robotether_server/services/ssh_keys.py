@@ -87,6 +87,8 @@ def _entry(entry: ShellEntry, host: str, port: int) -> str:
         f"    Port {entry.shell_port}",
         f"    HostKeyAlias robotether-{entry.robot}",
         f"    ProxyJump {JUMP_USER}@{address}:{port}",
+        # Robots of two servers have the same host, port and %C: ssh would take one's connection for the other's.
+        "    ControlPath none",
     ]
     if entry.shell_user is not None:
         lines.append(f"    User {entry.shell_user}")

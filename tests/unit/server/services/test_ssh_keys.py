@@ -73,7 +73,8 @@ def test_an_entry_leads_to_the_machine_where_the_robot_is(site, relay_database):
 def test_ssh_understands_what_is_rendered(tmp_path, host):
     file = tmp_path / "config"
     entries = [ENTRY, ShellEntry("turtle", 24001, "pi")]
-    file.write_text(ssh_keys.render_config(entries, host, 2222))
+    own = "Host *\n    ControlMaster auto\n    ControlPath /tmp/%C\n"
+    file.write_text(ssh_keys.render_config(entries, host, 2222) + own)
     assert file.read_text().startswith(
         "Host sim1\n    HostName 127.0.0.1\n    Port 24000\n    HostKeyAlias robotether-sim1\n"
     )
@@ -87,3 +88,4 @@ def test_ssh_understands_what_is_rendered(tmp_path, host):
         lines = done.stdout.replace("[", "").replace("]", "").splitlines()
         assert expected | {"hostname 127.0.0.1"} <= set(lines)
         assert f"proxyjump jump@{host}:2222" in lines
+        assert not [line for line in lines if line.startswith("controlpath ")]
