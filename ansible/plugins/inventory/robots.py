@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import shlex
 from collections.abc import Iterator, Mapping
@@ -223,11 +224,14 @@ def shells_of(ssh_config: str) -> dict[str, dict[str, Any]]:
 
 
 def _connection_of(entry: Mapping[str, str]) -> dict[str, Any]:
-    options = [f"-o {key}={entry[key]}" for key in ("ProxyJump", "HostKeyAlias")]
+    options = " ".join(f"-o {key}={entry[key]}" for key in ("ProxyJump", "HostKeyAlias"))
+    digest = hashlib.sha256(f"{entry['Port']} {options}".encode()).hexdigest()
     return {
         "ansible_host": entry["HostName"],
         "ansible_port": int(entry["Port"]),
-        "ansible_ssh_common_args": " ".join(options),
+        "ansible_ssh_common_args": options,
+        # Ansible's own path has host, port and user, which robots of two servers may share.
+        "ansible_control_path": f"%(directory)s/{digest[:10]}-%%r",
         **({"ansible_user": entry["User"]} if "User" in entry else {}),
     }
 

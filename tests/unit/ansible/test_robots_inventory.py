@@ -109,6 +109,10 @@ def test_robots_have_their_sites_states_and_shells(listed, fleet):
     }
     variables = found["_meta"]["hostvars"]
     turtle = variables["turtle"]
+    # Of another server's robot with the same port and user, Ansible shares no connection.
+    server = fleet.address.replace("127.0.0.1", "localhost")
+    elsewhere = listed(server=server)["_meta"]["hostvars"]["turtle"]
+    assert turtle.pop("ansible_control_path") != elsewhere["ansible_control_path"]
     assert turtle["robot_mac"] == MACS["turtle"]
     assert turtle["robot_site"] == "north-hall"
     assert turtle["robot_online"] is True
