@@ -279,5 +279,6 @@ def _distance_m(point: Point, start: Point, end: Point) -> float:
     (x, y), (x1, y1), (x2, y2) = point, start, end
     length2 = (x2 - x1) ** 2 + (y2 - y1) ** 2
     along = ((x - x1) * (x2 - x1) + (y - y1) * (y2 - y1)) / length2 if length2 else 0.0
-    share = min(max(along, 0.0), 1.0)
+    # In this order, what overflows to NaN far outside is 0.
+    share = min(max(0.0, along), 1.0)
     return math.hypot(x - x1 - share * (x2 - x1), y - y1 - share * (y2 - y1))

@@ -190,6 +190,10 @@ def test_fence_may_be_concave():
     assert fence_margin_m(notched, (5, 5)) < 0 < fence_margin_m(notched, (1, 5))
 
 
+def test_odometry_that_ran_away_is_outside():
+    assert fence_margin_m(((0, 0), (10, 10), (0, 10)), (1e308, -1e308)) < 0
+
+
 @given(JSON)
 def test_no_message_breaks_a_rule(value):
     message = value if isinstance(value, dict) else {"data": value, "status": value, "pose": value}
