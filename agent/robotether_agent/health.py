@@ -26,7 +26,12 @@ from robotether_agent.describe_error import describe_error
 from robotether_agent.exposure import PAST_GUARD, exposed_at, port_of, rosbridge_advice
 from robotether_agent.problems import AgentError, RosbridgeDownError, VideoSourceDownError
 from robotether_agent.rosbridge import RosGraph
-from robotether_agent.rosbridge_socket import CONNECT_WITHIN_S, new_http, open_rosbridge
+from robotether_agent.rosbridge_socket import (
+    CONNECT_WITHIN_S,
+    RosbridgeSocket,
+    new_http,
+    open_rosbridge,
+)
 from robotether_agent.tasks import first_of, within
 from robotether_agent.video.sources import SourceSettings, cameras_by_rosbridge
 
@@ -113,7 +118,10 @@ class Health:
         while True:
             # To list its sockets takes the kernel milliseconds, more on a machine with more memory. So nothing waits
             # for it, and robots that share a machine ask at different moments.
-            address = await asyncio.to_thread(exposed_at, self._rosbridge_url)
+            address = self.report.ros_exposed
+            # An agent without a free file descriptor learns nothing of it.
+            with suppress(OSError):
+                address = await asyncio.to_thread(exposed_at, self._rosbridge_url)
             if address != self.report.ros_exposed:
                 advice = await rosbridge_advice(self._rosbridge_url) if address else ""
                 report = replace(self.report, ros_exposed=address, ros_exposed_advice=advice)
@@ -123,24 +131,30 @@ class Health:
             await asyncio.sleep(SELDOM * self._every_s * self._rng.uniform(*SPREAD))
 
     async def _hold_rosbridge(self, http: aiohttp.ClientSession) -> None:
-        """Hold one WebSocket as long as rosbridge answers its pings."""
+        """Hold one WebSocket as long as rosbridge answers its pings; one that it closes at once is no answer."""
         try:
             socket = await open_rosbridge(http, self._rosbridge_url, heartbeat_s=self._every_s)
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
             raise self._rosbridge_down(describe_error(error, CONNECT_WITHIN_S)) from error
         async with socket:
-            await self._ros_is(None)
-            self._is_rosbridge_up = True
-            try:
-                async for _ in socket:
-                    pass
-            finally:
-                self._is_rosbridge_up = False
+            with suppress(asyncio.TimeoutError):
+                await socket.receive(self._every_s / 4)
+            if not socket.closed:
+                await self._hold(socket)
             cause = socket.exception()
         # aiohttp gives a pong half of the heartbeat's time.
         raise self._rosbridge_down(
             describe_error(cause, self._every_s / 2) if cause else "it closed the connection"
         )
+
+    async def _hold(self, socket: RosbridgeSocket) -> None:
+        await self._ros_is(None)
+        self._is_rosbridge_up = True
+        try:
+            async for _ in socket:
+                pass
+        finally:
+            self._is_rosbridge_up = False
 
     async def _ask_video(self, http: aiohttp.ClientSession) -> None:
         """Raise VideoSourceDownError unless there is somewhere where frames come from."""

@@ -1,12 +1,14 @@
 """The probes of the robot's services against real servers, and whom these services answer."""
 
 import asyncio
+import errno
 import os
 import socket
 import subprocess
 from contextlib import ExitStack
+from itertools import chain, repeat
 from pathlib import Path
-from unittest.mock import AsyncMock
+from unittest.mock import AsyncMock, Mock
 
 import namespaces
 import pytest
@@ -65,6 +67,15 @@ async def test_the_time_without_an_answer_is_said(watch, services, monkeypatch):
     assert report.ros_detail.endswith(f"does not answer: no answer in {EVERY_S / 2:g} s")
 
 
+async def test_a_rosbridge_that_closes_at_once_is_never_ok(watch, services, monkeypatch, caplog):
+    at_once = AsyncMock(side_effect=StopAsyncIteration)
+    monkeypatch.setattr("aiohttp.web.WebSocketResponse.__anext__", at_once)
+    health = watch(services.ws_url, services.url)
+    report = await until(health, lambda report: report.ros == "down")
+    assert report.ros_detail.endswith("it closed the connection")
+    assert f"rosbridge at {services.ws_url} answers" not in caplog.messages
+
+
 IMAGES = {"/camera/image_raw/compressed": "sensor_msgs/msg/CompressedImage"}
 
 
@@ -119,12 +130,12 @@ async def test_video_of_cameras_of_the_settings(watch, nowhere):
 async def test_rosbridge_that_its_network_reaches_is_told_until_it_is_mended(
     watch, services, monkeypatch, caplog
 ):
-    address = ["0.0.0.0"]
-    monkeypatch.setattr(health_module, "exposed_at", lambda _url: address[0])
+    look = Mock(return_value="0.0.0.0")
+    monkeypatch.setattr(health_module, "exposed_at", look)
     monkeypatch.setattr(health_module, "SELDOM", 1)
     health = watch(services.ws_url, services.url)
     await until(health, lambda report: report.ros_exposed == "0.0.0.0")
-    address[0] = ""
+    look.side_effect = chain([OSError(errno.EMFILE, "no descriptor")], repeat(""))
     await until(health, lambda report: not report.ros_exposed)
     warnings = [line for line in caplog.messages if "0.0.0.0" in line]
     assert len(warnings) == 1
