@@ -86,8 +86,10 @@ def check_end(ends_at: dt.datetime, now: dt.datetime) -> None:
 
 
 def duration_words(seconds: float) -> str:
-    """Return a duration as people read it: 8 s, 1 min 35 s, 2 h 5 min; a clock that was set back gives 0 s."""
-    minutes, rest = divmod(max(0, round(seconds)), 60)
+    """Return a duration as people read it: 8 s, 1 min 35 s, 2 h 5 min; unknown where a clock was set back."""
+    if seconds < 0:
+        return "unknown"
+    minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     if hours:
         return f"{hours} h {minutes} min"

@@ -28,3 +28,7 @@ def test_moment_is_taken_with_its_offset(text):
 def test_what_is_no_moment_is_refused_with_its_field(text):
     with pytest.raises(FieldInvalidError, match=r"cannot use until: .* 2026-01-31T12:00:00Z"):
         times.timestamp("until", text)
+
+
+def test_a_duration_over_a_clock_set_back_is_unknown():
+    assert times.duration_words(-3600) == "unknown"
