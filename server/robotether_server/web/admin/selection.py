@@ -13,6 +13,7 @@ from flask import Blueprint, request
 from robotether_server.api.context import context
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
+from robotether_server.db.grants import LEVELS
 from robotether_server.problems import FieldInvalidError
 from robotether_server.web import confirmation
 from robotether_server.web.admin import grants
@@ -102,7 +103,9 @@ class Selection:
 
 
 def _grant_words() -> Words:
-    """Return what the texts name of a grant's level and end."""
-    hours = request.values.get("hours", "")
-    end = f", for {dict(grants.ENDS).get(hours, hours)}" if hours else ""
-    return {"level": request.values.get("level", ""), "hours": hours, "end": end}
+    """Return what the texts name of a grant's level and end; raise FieldInvalidError for others than the list has."""
+    level, hours = request.values.get("level", ""), request.values.get("hours", "")
+    ends = dict(grants.ENDS)
+    if level not in {"", *LEVELS} or hours not in ends:
+        raise FieldInvalidError("cannot continue: choose level and end in the list", "level")
+    return {"level": level, "hours": hours, "end": f", for {ends[hours]}" if hours else ""}

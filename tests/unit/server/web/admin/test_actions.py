@@ -92,3 +92,5 @@ def test_what_is_ticked_is_changed_after_one_question(
     assert (answer.status_code, answer.location) == (303, f"/admin/{of}s")
     assert [each for each, *_ in audit_kinds(database)].count(kind) == 2
     assert f"tick at least one {of}" in admin.ask("GET", path).text
+    for wrong in ({"level": "zz"}, {"hours": "7"}):
+        assert admin.ask("GET", path, query_string={of: values, **form, **wrong}).status_code == 422
