@@ -21,6 +21,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from getpass import getuser
 from pathlib import Path
 from threading import Lock
 from typing import Any, NamedTuple
@@ -200,20 +201,27 @@ def _target(name: str, options: dict[str, list[str]], jump: Target | None) -> Ta
             f"cannot reach {name}: its entry has a ProxyCommand; fleet supports ProxyJump only"
         )
     host, port = first("hostname"), int(first("port", str(SSH_PORT)))
-    timeout = first("connecttimeout", "none")
+    user, timeout = first("user"), first("connecttimeout", "none")
+    files = [_expand(file, host, user) for file in options.get("identityfile", [])]
     return Target(
         name=name,
         host=host,
         port=port,
-        user=first("user"),
+        user=user,
         known_as=first("hostkeyalias") or _address(host, port),
         known_hosts=_paths(first("userknownhostsfile"), first("globalknownhostsfile")),
-        identity_files=_paths(*options.get("identityfile", [])),
+        identity_files=_paths(*files),
         identities_only=first("identitiesonly") == "yes",
         connect_timeout_s=CONNECT_TIMEOUT_S if timeout == "none" else float(timeout),
         jump=jump,
         identity_agent=first("identityagent", USUAL_AGENT),
     )
+
+
+def _expand(file: str, host: str, user: str) -> str:
+    """Put values in place of the usual tokens of an IdentityFile, which `ssh -G` prints as they are."""
+    values = {"%": "%", "d": str(Path.home()), "h": host, "r": user, "u": getuser()}
+    return re.sub("%(.)", lambda token: values.get(token[1], token[0]), os.path.expandvars(file))
 
 
 def _address(host: str, port: int) -> str:

@@ -260,6 +260,16 @@ def test_paths_may_have_spaces(tmp_path):
     assert target.known_hosts == (folder / "known", Path("/b"))
 
 
+def test_tokens_in_paths_of_keys_have_their_values(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    config = tmp_path / "config"
+    files = "".join(f"IdentityFile {file}\n" for file in ("%d/%r@%h", "${HOME}/50%%", "~/%r"))
+    config.write_text(f"Host sim1\nHostName 192.0.2.1\nUser pi\n{files}")
+    names = ("pi@192.0.2.1", "50%", "pi")
+    found = fleet_ssh.resolve("sim1", config).identity_files
+    assert found == tuple(tmp_path / name for name in names)
+
+
 def test_patterns_choose_what_the_server_printed(tmp_path, monkeypatch):
     """A person's other hosts, patterns and broken lines are no robots; included files are read."""
     listed, home = tmp_path / "listed", tmp_path / ".ssh"
