@@ -6,7 +6,7 @@ import { askOnce } from "../dom/presses.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
 import { showDataState } from "../queue/requestRows.js";
 import { routes as texts } from "../texts/routes.js";
-import { RouteDiagram, isApp } from "../topics/routeDiagram.js";
+import { RouteDiagram, isApp, routeType } from "../topics/routeDiagram.js";
 
 const REFRESH_AFTER_MS = 2000; // least interval between two looks at the list that nobody here changed
 const LIST_FRESH_MS = 5000; // time after which the list is asked for whatever is live: rights bring and take what has ended
@@ -176,7 +176,8 @@ class RoutesPage {
   }
 
   async connect(from, to) {
-    if (from.type !== to.type) return this.say(texts.notMade(texts.otherType(from, to)));
+    const type = routeType(from, to);
+    if (type === null) return this.say(texts.notMade(texts.otherType(from, to)));
     const { ok, detail } = await api.post("/api/v1/routes", {
       source: from.robot,
       source_mac: from.mac,
@@ -184,7 +185,7 @@ class RoutesPage {
       target: to.robot,
       target_mac: to.mac,
       target_topic: to.topic,
-      type: from.type,
+      type,
     });
     return this.settle(ok, texts.made, texts.notMade(detail));
   }

@@ -18,6 +18,16 @@ function linePath([fromX, fromY], [toX, toY]) {
 // Whether an end of a route is a web app, by its name. Pure.
 export const isApp = (name) => name.startsWith("app:");
 
+// ROS 1 spells a type's name without the /msg/ of ROS 2.
+const plainType = (type) => type.replace("/msg/", "/");
+
+// The type of a route: the robot's; an app may spell it as either ROS does. null: the ends differ. Pure.
+export function routeType(from, to) {
+  if (from.type === to.type) return from.type;
+  if (isApp(from.robot) === isApp(to.robot) || plainType(from.type) !== plainType(to.type)) return null;
+  return isApp(from.robot) ? to.type : from.type;
+}
+
 function endOf(button) {
   const { of: robot, topic, type } = button.dataset;
   return { robot, mac: button.closest("details").dataset.mac, topic, type };
@@ -209,8 +219,9 @@ export class RouteDiagram {
 const sideOf = (element) => element.closest(".column").dataset.side;
 const isSource = (button) => sideOf(button) === "source";
 
-function isFit({ dataset: source }, { dataset: target }) {
-  return target.type === source.type && target.of !== source.of && !(isApp(source.of) && isApp(target.of));
+function isFit(source, target) {
+  const [from, to] = [endOf(source), endOf(target)];
+  return routeType(from, to) !== null && to.robot !== from.robot && !(isApp(from.robot) && isApp(to.robot));
 }
 
 function topicButton(robot, { topic, type }) {

@@ -9,6 +9,7 @@ import { USUAL_ENDS } from "../../src/pages/grants.js";
 import { appsIn, isDrawn, lineLook, stateWords, topicsIn } from "../../src/pages/routes.js";
 import { driveSettings } from "../../src/pages/settings.js";
 import { Ticks } from "../../src/pages/ticks.js";
+import { routeType } from "../../src/topics/routeDiagram.js";
 import { FakeElement } from "../fakes.js";
 
 // Behind UTC in winter and ahead of it in summer, so that no test passes by the zone that the machine has.
@@ -90,6 +91,15 @@ test("another user's route leads to no app of this one", () => {
   assert.equal(isDrawn(route), false);
   assert.equal(isDrawn({ ...route, mine: "" }), true);
   assert.equal(isDrawn({ source: "sim1", target: "sim2" }), true);
+});
+
+test("a route has its robot's type, which an app may spell as the other ROS does", () => {
+  const end = (robot, type) => ({ robot, type });
+  const [app, robot] = [end("app:joy", "std_msgs/String"), end("sim1", "std_msgs/msg/String")];
+  assert.equal(routeType(app, robot), robot.type);
+  assert.equal(routeType(robot, app), robot.type);
+  assert.equal(routeType(robot, end("app:joy", "std_msgs/Bool")), null);
+  assert.equal(routeType(robot, end("sim2", "std_msgs/String")), null);
 });
 
 test("an app shows with the machine that has it, and of two with one name this machine's", () => {

@@ -1,11 +1,13 @@
 """/routes: routes between robots and web apps; src/pages/routes.js draws them and shows how they are."""
 
 from flask import Blueprint, render_template, request
+from robotether_common.own_topics import same_type
 
 from robotether_server.api.context import context
 from robotether_server.contract.routes import end_words
 from robotether_server.db import Transaction, seen_robots
 from robotether_server.db.audit import Source
+from robotether_server.db.routes import is_app
 from robotether_server.problems import FieldInvalidError, RobotetherError
 from robotether_server.schemas import APP
 from robotether_server.services import routes
@@ -49,7 +51,10 @@ def show(problem: RobotetherError | None = None) -> str:
 def make(tx: Transaction, source: Source) -> Saved:
     """Make a route between the two topics that the form names, each with its robot or app, and its type."""
     start, end = _end("from", "From"), _end("to", "To")
-    if start[2] != end[2]:
+    # The type is the robot's; an app may spell it as either ROS does.
+    kind = end[2] if is_app(start[0]) else start[2]
+    spelled = same_type if is_app(start[0]) != is_app(end[0]) else str
+    if spelled(start[2]) != spelled(end[2]):
         raise FieldInvalidError(
             f"cannot make the route: {start[1]} has the type {start[2]}, and {end[1]} {end[2]}",
             "to",
@@ -57,7 +62,7 @@ def make(tx: Transaction, source: Source) -> Saved:
     hours = forms.optional_number("hours", "Hours", 1, MAX_HOURS)
     rate = forms.number("rate_hz", "Messages a second", 1, int(MAX_RATE_HZ))
     macs = start[3], end[3]
-    route_request = RouteRequest(start[0], start[1], end[0], end[1], start[2], rate, hours, macs)
+    route_request = RouteRequest(start[0], start[1], end[0], end[1], kind, rate, hours, macs)
     route = routes.make(tx, source, current_user.get(), route_request)
     return PAGE, f"The route from {route.source} to {route.target} is made."
 

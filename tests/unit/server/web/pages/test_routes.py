@@ -1,7 +1,7 @@
 """The page of routes; the API's are in transcripts/test_rest.py."""
 
 from granted import give
-from robotether_server.db import robots, users
+from robotether_server.db import robots, routes, users
 
 
 def sent(browser, start, end):
@@ -26,3 +26,14 @@ def test_a_robot_that_has_got_the_name_gets_no_route(manager, database):
         mac = robots.get(tx, "sim1").mac
     assert "another robot has this name now" in sent(manager, "sim1 /a t", f"sim2 /a t {mac}").text
     assert "is made" in sent(manager, f"sim1 /a t {mac}", "sim2 /a t").text
+
+
+def test_an_app_may_spell_a_type_as_the_other_ros_does(manager, database):
+    with database.transaction() as tx:
+        give(tx, users.get(tx, "may").id, robots.get(tx, "sim2").id, "manage")
+    page = sent(manager, "app:joy /a std_msgs/String", "sim1 /a std_msgs/msg/String").text
+    assert "is made" in page
+    with database.transaction() as tx:
+        assert [route.type for route in routes.list_all(tx)] == ["std_msgs/msg/String"]
+    wrong = sent(manager, "sim1 /a std_msgs/String", "sim2 /a std_msgs/msg/String").text
+    assert "has the type" in wrong
