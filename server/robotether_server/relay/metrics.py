@@ -289,8 +289,8 @@ def read_help_requests(
         "robotether_relay_help_request_age_seconds", "Age of the oldest open request for help"
     )
     longest = GaugeMetricFamily(
-        "robotether_relay_help_request_wait_seconds",
-        "Age of the oldest request for help that nobody has accepted, offered or not",
+        "robotether_relay_help_request_waiting_age_seconds",
+        "Age of the oldest request for help that waits now, offered or not, since it was made",
     )
     # What is not known has no value, nor has the age of none.
     if (requests := read()) is not None:

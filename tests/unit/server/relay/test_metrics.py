@@ -103,7 +103,7 @@ def test_requests_for_help_are_counted_and_absent_where_they_are_unknown(metrics
         f'{prefix}{{state="offered"}} 1.0',
         f'{prefix}{{state="accepted"}} 1.0',
         "robotether_relay_help_request_age_seconds 90.0",
-        "robotether_relay_help_request_wait_seconds 30.0",
+        "robotether_relay_help_request_waiting_age_seconds 30.0",
     ]
     assert len(samples()) == 3
     assert samples() == []
