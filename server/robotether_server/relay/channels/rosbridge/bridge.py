@@ -412,6 +412,8 @@ class OwnOperations:
         self._key: dict[str, object] = {}
         self._update_due = asyncio.Event()
         self._has_changed = False
+        # The control object's message that was sent last.
+        self._sent = b""
         # Until it is sent.
         self._seen: SeenReport | None = None
 
@@ -426,6 +428,7 @@ class OwnOperations:
                 self._robot, self._user, address=self._address, press=own.get("press")
             )
             # Its answer, also where it changes nothing: whoever repeats a stop must learn that it came.
+            self._sent = b""
             self._changed()
             return None
         self._key = {"key": own["key"]} if "key" in own else {}
@@ -443,20 +446,28 @@ class OwnOperations:
 
     async def next_update(self) -> bytes:
         """Wait until there is something to send; return its message, the control object's first."""
-        await self._update_due.wait()
-        if self._seen is not None and not self._has_changed:
-            seen, self._seen = self._seen, None
-            self._update_due.clear()
-            limits = {"max_speed_m_s": seen.max_speed_m_s, "max_turn_rad_s": seen.max_turn_rad_s}
-            # What is unknown may be older than all others.
-            known_ms = [age_ms for age_ms in seen.ages_ms if age_ms is not None]
-            age_ms = max(known_ms) if len(known_ms) == len(seen.ages_ms) else None
-            return _written("robotether.seen", age_ms=age_ms, **limits, **self._key)
-        self._has_changed = False
-        if self._seen is None:
-            self._update_due.clear()
-        control = msgspec.to_builtins(self._control.describe(self._robot.id))
-        return _written("robotether.control", control=control, **self._key)
+        while True:
+            await self._update_due.wait()
+            if self._seen is not None and not self._has_changed:
+                seen, self._seen = self._seen, None
+                self._update_due.clear()
+                return self._seen_message(seen)
+            self._has_changed = False
+            if self._seen is None:
+                self._update_due.clear()
+            control = msgspec.to_builtins(self._control.describe(self._robot.id))
+            message = _written("robotether.control", control=control, **self._key)
+            # A guard reports also where nothing of it is another.
+            if message != self._sent:
+                self._sent = message
+                return message
+
+    def _seen_message(self, seen: SeenReport) -> bytes:
+        limits = {"max_speed_m_s": seen.max_speed_m_s, "max_turn_rad_s": seen.max_turn_rad_s}
+        # What is unknown may be older than all others.
+        known_ms = [age_ms for age_ms in seen.ages_ms if age_ms is not None]
+        age_ms = max(known_ms) if len(known_ms) == len(seen.ages_ms) else None
+        return _written("robotether.seen", age_ms=age_ms, **limits, **self._key)
 
     def _changed(self) -> None:
         if self._clock_syncs:

@@ -258,6 +258,23 @@ async def test_the_driver_reads_how_old_is_what_they_see(relay, guarded, sim1, p
         assert all(message["op"] != "robotether.seen" for message in bob.messages)
 
 
+async def test_a_report_of_the_guard_that_changes_no_control_brings_none(
+    guarded, relay, sim1, program
+):
+    async with program("observe", BOB) as bob:
+        await bob.send(op="robotether.clock_sync", t_ms=1)
+        await bob.until("robotether.control")
+        reported = asyncio.Event()
+        with relay.relay.control.watched(sim1.id, reported.set):
+            guarded.session.send_guard_status(old=1)
+            await reported.wait()
+        bob.messages.clear()
+        for t_ms in (2, 3):
+            await bob.send(op="robotether.clock_sync", t_ms=t_ms)
+            await bob.until("robotether.clock_sync")
+        assert all(message["op"] != "robotether.control" for message in bob.messages)
+
+
 async def test_who_repeats_a_stop_is_answered_too(guarded, program):
     """A program that has no other word of it would stop the robot again and again."""
     async with program("observe", BOB) as bob:
