@@ -51,7 +51,7 @@ Source = Literal["web_video_server", "mjpeg", "rosbridge"]
 def no_frames(topic: str) -> str:
     """Return why a topic gives no frames, as agent and relay say it to people; the name is anybody's text."""
     name = "".join(each if each.isprintable() else " " for each in topic[:100])
-    return f"no frames from {name}: the topic does not exist or nothing publishes it"
+    return f"no frames from {name}: the topic does not exist, nothing publishes it, or too rarely"
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,7 @@ class SharedSource:
         """Say of whom nothing comes: a topic, or a camera of the settings."""
         name = self.source_request.topic
         if self._kind == "mjpeg":
-            return f"camera {printable(name, 100)} sends no frames"
+            return f"camera {printable(name, 100)} has sent no frame for {SILENT_AFTER_S:g} s"
         return no_frames(name)
 
     def end(self) -> asyncio.Future[None]:

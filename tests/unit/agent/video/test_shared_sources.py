@@ -65,7 +65,9 @@ async def test_the_condition_follows_the_frames(shared_sources, source):
     source.now_s += 2.5
     assert shared.condition().state == "waiting"
     source.now_s += 1.5
-    assert shared.condition() == VideoStatus("down", "camera /camera sends no frames", "mjpeg")
+    assert shared.condition() == VideoStatus(
+        "down", "camera /camera has sent no frame for 4 s", "mjpeg"
+    )
     source.give()
     assert shared.condition().state == "live"
 

@@ -72,7 +72,7 @@ async def test_a_still_of_a_topic_without_frames_names_it(
     async with video("snapshot?topic=/camera/x") as answer:
         problem = await answer.json()
     assert (answer.status, problem["code"]) == (502, "no_frames")
-    why = "no frames from /camera/x: the topic does not exist or nothing publishes it"
+    why = "no frames from /camera/x: the topic does not exist, nothing publishes it, or too rarely"
     assert problem["detail"] == f"cannot show video of robot sim1: {why}"
 
 
