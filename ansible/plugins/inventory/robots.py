@@ -141,6 +141,7 @@ class InventoryModule(BaseInventoryPlugin, Constructable, Cacheable):
 
     def _add_all(self, answers: Mapping[str, Any]) -> None:
         self.inventory.add_group(ROBOTS)
+        self._group_names: dict[str, str] = {}
         for name in ("server", "tls_fingerprint"):
             if value := self.get_option(name):
                 self.inventory.set_variable(ROBOTS, ROLE_PREFIX + name, value)
@@ -163,9 +164,12 @@ class InventoryModule(BaseInventoryPlugin, Constructable, Cacheable):
         for key, value in {**own, **connection}.items():
             self.inventory.set_variable(name, key, value)
         for group in self._groups_of(robot):
-            self.inventory.add_child(
-                self.inventory.add_group(self._sanitize_group_name(group)), name
-            )
+            safe_name = self._sanitize_group_name(group)
+            self.inventory.add_child(self.inventory.add_group(safe_name), name)
+            if (other := self._group_names.setdefault(safe_name, group)) != group:
+                self.display.warning(
+                    f"{other} and {group} are both the group {safe_name}: --limit takes the robots of both"
+                )
         variables = self.inventory.get_host(name).get_vars()
         is_strict = self.get_option("strict")
         self._set_composite_vars(self.get_option("compose"), variables, name, strict=is_strict)

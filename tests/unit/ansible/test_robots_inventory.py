@@ -144,12 +144,16 @@ def test_groups_server_and_pin_are_there_and_no_robot_takes_the_place_of_others(
     for number, name in enumerate(TAKEN):
         body = {"mac": f"00:1b:44:00:00:1{number}", "public_key": new_public_key()}
         assert fleet.program("root").ask("PUT", f"/robots/{name}", body).status_code == 201
+    grant = {"group": "r_and_d", "level": "observe", "robot": "turtle"}
+    for path, body in (("groups", {"name": "r_and_d"}), ("grants", grant)):
+        assert fleet.program("root").ask("POST", f"/{path}", body).status_code == 201
     der = ssl.PEM_cert_to_DER_cert(fleet.certificate.read_text().partition("-----BEGIN PRIV")[0])
     pin = hashlib.sha256(der).hexdigest()
     options = {"group_by": ["group"], "ca_file": None, "tls_fingerprint": pin, "jump": False}
     done = run(fleet, tmp_path, **options)
     said = " ".join(done.stderr.split())
     assert all(f"left the robot {name} out" in said for name in TAKEN)
+    assert "group_r.and-d and group_r_and_d are both the group group_r_and_d" in said
     found = json.loads(done.stdout, object_hook=_plain)
     assert groups_of(found) == {
         "robots": ["rover", "scout", "turtle"],
@@ -157,7 +161,7 @@ def test_groups_server_and_pin_are_there_and_no_robot_takes_the_place_of_others(
         "group_r_and_d": ["rover", "scout", "turtle"],
     }
     turtle = found["_meta"]["hostvars"]["turtle"]
-    assert turtle["robot_groups"] == ["ops", "r.and-d"]
+    assert turtle["robot_groups"] == ["ops", "r.and-d", "r_and_d"]
     assert turtle["robotether_agent_server"] == fleet.address
     assert turtle["robotether_agent_tls_fingerprint"] == pin
     assert not [name for name in turtle if name.startswith("ansible")]
