@@ -114,7 +114,7 @@ export const stop = {
   unheard: (/** @type {{guard?: string}} */ { guard } = {}) => `No answer yet, trying again. ${halts(guard)}`,
   failed: () => "Stop not confirmed. Press Stop again.",
   refused: ({ detail }) => `Not stopped. ${detail ? because(detail) : "The server refused it."}`,
-  stopping: ({ by, at }) => `Stopping (${by}, ${at}), not confirmed yet.`,
+  stopping: ({ by, at }) => `Stopping, not confirmed yet (${by}, ${at}).`,
   stopped: ({ by, at }) => `Stopped by ${by} at ${at}`,
   unknown: ({ at }) => `Stopped at ${at}; not known now.`,
 };
