@@ -93,7 +93,7 @@ class ValidatedMessage(NamedTuple):
     With `drive`, what `stamped` makes of it goes in its place. With `own`, the operation is for
     the relay, `data` is empty, and `own` has its fields. With `subscription`, the topic goes its own way,
     and may be shared with others; `requested` has all that the client now requests of it, the oldest first. The
-    `short_name` of each is that of `TopicRequest`.
+    `names` of each are those of `TopicRequest`.
     """
 
     data: bytes
@@ -217,7 +217,7 @@ class MessageValidator:
 
     def _subscribe(self, fields: dict[str, Any], name: str) -> ValidatedMessage:
         topic = fields["topic"]
-        subscription = {**fields, "short_name": None if name == topic else name}
+        subscription = {**fields, "names": (name,)}
         if not self._subscriptions.change(subscription):
             max_count = len(self._subscriptions)
             why = f"cannot subscribe to {topic}: this connection has {max_count} subscriptions, the robot's limit"
@@ -359,7 +359,10 @@ class Subscriptions:
         if message["op"] == "subscribe":
             if message_id not in requested and len(self) >= self._max_count:
                 return False
-            self._by_topic[topic] = {**requested, message_id: message}
+            # One id may come with each spelling of the name.
+            names = (*requested.get(message_id, {}).get("names", ()), *message.get("names", ()))
+            named = {**message, "names": tuple(dict.fromkeys(names))}
+            self._by_topic[topic] = {**requested, message_id: named}
             return True
         if message_id is None:
             requested.clear()

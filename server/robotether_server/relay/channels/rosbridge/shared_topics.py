@@ -48,7 +48,7 @@ MAX_LARGE_BYTES = 32 * 1024 * 1024
 # Time for which what the robot names as repeated may still come by the topic's own connection, as a new message.
 REPEAT_AFTER_S = 0.3
 # Members of a request that rosbridge does not get, or not as text.
-NOT_SENT = ("qos", "fragment_size", "short_name")
+NOT_SENT = ("qos", "fragment_size", "names")
 UNKEPT = f"its last message is not kept: the large ones of this robot take over {MAX_LARGE_BYTES >> 20} MB"
 
 
@@ -57,8 +57,8 @@ class TopicRequest:
     """What is requested of a topic, as rosbridge's fields of the same names; None and 0 are its defaults.
 
     `qos` is JSON. Two that differ in what each client's relay does share a topic: `fragment_size` is the length of the
-    texts of which the client gets a longer message. `short_name` is the topic's name as the client gave it, without the
-    first slash: its messages have that name, as rosbridge's have. None: it gave the whole name.
+    texts of which the client gets a longer message. `names` are the topic's as the client gave them, with the
+    first slash or without: it gets each message under each, as from rosbridge. None: under the whole name.
     """
 
     topic: str
@@ -68,7 +68,7 @@ class TopicRequest:
     fragment_size: int | None = field(default=None, compare=False)
     compression: str = "none"
     qos: bytes | None = None
-    short_name: str | None = field(default=None, compare=False)
+    names: tuple[str, ...] = field(default=(), compare=False)
 
     @classmethod
     def of(cls, message: Mapping[str, Any]) -> TopicRequest:
@@ -82,7 +82,7 @@ class TopicRequest:
             message.get("fragment_size"),
             message.get("compression", "none"),
             None if qos is None else write_json(qos),
-            message.get("short_name"),
+            message.get("names", ()),
         )
 
     def message(self) -> bytes:
@@ -99,20 +99,21 @@ class TopicRequest:
 def combined(subscriptions: Collection[TopicRequest]) -> TopicRequest:
     """Return what rosbridge makes of several subscriptions of one client to a topic; there is at least one.
 
-    A short name stands in no PNG: what comes under one comes uncompressed.
+    Another name than the whole stands in no PNG: what comes under one comes uncompressed.
     """
-    short_name = next(iter(subscriptions)).short_name
+    topic = next(iter(subscriptions)).topic
+    names = tuple(dict.fromkeys(name for each in subscriptions for name in each.names))
     compression = max((each.compression for each in subscriptions), key=COMPRESSIONS.index)
     sizes = [each.fragment_size for each in subscriptions if each.fragment_size is not None]
     return TopicRequest(
-        next(iter(subscriptions)).topic,
+        topic,
         next((each.type for each in subscriptions if each.type is not None), None),
         min(each.throttle_rate for each in subscriptions),
         min(each.queue_length for each in subscriptions),
         min(sizes, default=None),
-        "none" if short_name is not None and compression == "png" else compression,
+        "none" if compression == "png" and {*names} - {topic} else compression,
         next((each.qos for each in subscriptions if each.qos is not None), None),
-        short_name,
+        names,
     )
 
 

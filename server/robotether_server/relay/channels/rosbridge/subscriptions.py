@@ -120,9 +120,9 @@ class TopicCopies:
     def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:
         """A message of a topic came."""
         requested = self._requested[topic]
-        if requested.short_name is not None:
-            message = renamed(message, topic, requested.short_name)
-        if requested.fragment_size is not None or not self._at_once(message, kind):
+        first, *others = requested.names or (topic,)
+        has_parts = requested.fragment_size is not None or others
+        if has_parts or not self._at_once(renamed(message, topic, first), kind):
             self._queues[topic].push(message, kind, self._clock())
             self._wake()
 
@@ -154,7 +154,16 @@ class TopicCopies:
     async def _deliver(
         self, deliver: Deliver, requested: TopicRequest, message: bytes, kind: WSMsgType
     ) -> None:
-        size, count = requested.fragment_size, 0
+        topic = requested.topic
+        for name in requested.names or (topic,):
+            await self._deliver_one(
+                deliver, requested.fragment_size, renamed(message, topic, name), kind
+            )
+
+    async def _deliver_one(
+        self, deliver: Deliver, size: int | None, message: bytes, kind: WSMsgType
+    ) -> None:
+        count = 0
         if size is None or kind is not WSMsgType.TEXT or len(message) <= size:
             await deliver(message, kind)
             return
@@ -214,6 +223,8 @@ class TopicCopies:
 
 def renamed(message: bytes, topic: str, name: str) -> bytes:
     """Return what rosbridge published on a topic, in JSON or CBOR, under another name of at most 255 bytes."""
+    if name == topic:
+        return message
     # Before the name are the operation and the member's own name.
     head = message[: 40 + 2 * len(topic)]
     for write in (write_json, _ujson_text, _cbor_text):

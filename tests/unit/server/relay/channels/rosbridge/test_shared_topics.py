@@ -106,6 +106,19 @@ async def test_messages_have_the_name_that_each_client_gave(relay, robot, observ
     assert subscribed(robot) == [ODOM]
 
 
+@pytest.mark.parametrize("ids", [({}, {}), ({"id": "a"}, {"id": "b"})])
+async def test_a_client_that_gave_both_names_gets_a_message_under_both(robot, observe, ids):
+    names = ("odom", "/odom")
+    requests = [{**ODOM, "topic": name, **each} for name, each in zip(names, ids, strict=True)]
+    socket = await observe(*requests)
+    await until(lambda: len(robot.topics) == 1, "the robot has a subscription")
+    await robot.send_to_topics(b'{"op": "publish", "topic": "/odom", "msg": "both"}')
+    missing = set(names)
+    while missing:
+        message = await socket.receive_json(timeout=WAIT_S)
+        missing -= {message["topic"]} if message.get("msg") == "both" else set()
+
+
 def as_ujson(message):
     return json.dumps(message).replace("/", r"\/").encode()
 
@@ -129,7 +142,7 @@ def test_several_of_one_client_are_merged_as_rosbridge_merges_them():
     )
     assert both == TopicRequest("/a", "a/B", 50, 5, None, "cbor", b'{"depth":1}')
     assert both.fragment_size == 2000
-    png = replace(TopicRequest("/a", compression="png"), short_name="a")
+    png = replace(TopicRequest("/a", compression="png"), names=("a",))
     assert combined([png]).compression == "none", "a PNG would have the whole name"
 
 
