@@ -12,7 +12,7 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +39,9 @@ UP = Shape(rate_bit_s=UP_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
 DOWN = Shape(rate_bit_s=DOWN_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
 ROS_PORT, VIDEO_PORT = 9090, 8080
 FPS = 15
+# Of the cameras, unless a benchmark says more: pixels, and frames a second.
+SMALL_CAMERA = {"width": 640, "height": 480, "fps": FPS}
+WIDE_CAMERA = {"width": 1280, "height": 720, "fps": 25}
 STARTS_WITHIN_S = 30.0
 # An attempt that went into a dead tunnel is ended by the relay when the robot comes back; this is for the rest.
 ATTEMPT_S = 1.0
@@ -187,16 +190,21 @@ def emulated_links(count: int, up: Shape, down: Shape) -> Iterator[list[Link]]:
 
 
 @asynccontextmanager
-async def linked_robot(link: Link, camera_fps: int = FPS) -> AsyncIterator[tuple[Site, Subject]]:
-    async with linked_robots([link], camera_fps) as (site, [subject]):
+async def linked_robot(
+    link: Link, camera: Mapping[str, int] = SMALL_CAMERA
+) -> AsyncIterator[tuple[Site, Subject]]:
+    async with linked_robots([link], camera) as (site, [subject]):
         yield site, subject
 
 
 @asynccontextmanager
 async def linked_robots(
-    links: Sequence[Link], camera_fps: int = FPS
+    links: Sequence[Link], camera: Mapping[str, int] = SMALL_CAMERA
 ) -> AsyncIterator[tuple[Site, list[Subject]]]:
-    """Real relay and sshd at the server's end of the links, a real agent and a simulator at the robot's of each."""
+    """Real relay and sshd at the server's end of the links, a real agent and a simulator at the robot's of each.
+
+    The simulators' cameras have this size and rate.
+    """
     server = links[0].server.address
     async with AsyncExitStack() as stack:
         site, robots = await start_site(stack, len(links), server)
@@ -206,7 +214,8 @@ async def linked_robots(
             given = {
                 "SIM_NAME": robot.name,
                 "SIM_BIND_ADDRESS": "127.0.0.1",
-                "SIM_CAMERA_FPS": str(camera_fps),
+                "SIM_CAMERA_FPS": str(camera["fps"]),
+                "SIM_CAMERA_SIZE": f"{camera['width']}x{camera['height']}",
                 "SIM_LOG_LEVEL": "error",
             }
             simulator = Program(link.robot, ("sim_robot",), folder / "log", given)

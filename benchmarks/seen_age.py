@@ -21,10 +21,11 @@ from demo import Demo
 from link import Link, Shape
 from linked_robot import (
     DOWN,
-    FPS,
+    SMALL_CAMERA,
     UP,
     UP_MBIT_S,
     VIDEO_PORT,
+    WIDE_CAMERA,
     Address,
     Site,
     Subject,
@@ -68,7 +69,6 @@ FRAMES = 10
 ROUNDED_MS = 0.2
 AIM_MS = 10.0
 # Of the loop.
-WIDTH, HEIGHT, CAMERA_FPS = 1280, 720, 25
 AIM_P50_MS, AIM_P99_MS = 90, 150
 FAR = Shape(rate_bit_s=5e6, delay_s=0.1, queue_bytes=UP.queue_bytes)
 # Up and down.
@@ -166,9 +166,12 @@ async def run(
 
 
 async def run_behind(
-    link: Link, seconds: float, views: Sequence[DriverView], camera_fps: int = FPS
+    link: Link,
+    seconds: float,
+    views: Sequence[DriverView],
+    camera: Mapping[str, int] = SMALL_CAMERA,
 ) -> list[list[Seen]]:
-    async with linked_robot(link, camera_fps) as (site, subject):
+    async with linked_robot(link, camera) as (site, subject):
         address = site.address_of(subject.robot)
         await until_seen(
             lambda http, on_frame: view_frames(http, on_frame, frames_url(address, CAMERA))
@@ -222,18 +225,18 @@ def loop_row(view: DriverView, seen: list[Seen]) -> Row:
 
 
 def measure_loop(seconds: float = SECONDS) -> Section:
-    request = {"width": WIDTH, "height": HEIGHT, "fps": CAMERA_FPS}
     views = [
-        DriverView({**request, "codecs": [codec]}, camera, by_newest=True)
+        DriverView({**WIDE_CAMERA, "codecs": [codec]}, camera, by_newest=True)
         for camera in (CAMERA, FAST_CAMERA)
         for codec in CODECS_VIEWED
     ]
     with emulated() as link:
-        loops = asyncio.run(run_behind(link, seconds, views, CAMERA_FPS))
+        loops = asyncio.run(run_behind(link, seconds, views, WIDE_CAMERA))
+    camera = "a camera of {width}x{height} at {fps} frames a second".format_map(WIDE_CAMERA)
     text = (
         "From the capture of the newest frame that a driver has to the command at the robot's guard: 38 ms, "
-        f"{UP_MBIT_S} Mbit/s up, a camera of {WIDTH}x{HEIGHT} at {CAMERA_FPS} frames a second. The age is the guard's "
-        "own. Drawing, encoding, the decoding of H.264 and the pause between frames are included, the screen is not. "
+        f"{UP_MBIT_S} Mbit/s up, {camera}. The age is the guard's own. Drawing, encoding, the decoding of H.264 and "
+        "the pause between frames are included, the screen is not. "
         f"{FAST_CAMERA} turns fast and has noise.\n\n"
         f"Aim: p50 {AIM_P50_MS} ms and p99 {AIM_P99_MS} ms by H.264."
     )

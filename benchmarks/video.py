@@ -21,7 +21,17 @@ from bare_tunnel import bare_forward, bare_tunnel
 from demo import Demo
 from frame_stamp import read_stamp, stamp_of
 from link import Link, Shape
-from linked_robot import FPS, UP, UP_MBIT_S, VIDEO_PORT, Address, emulated, linked_robot
+from linked_robot import (
+    FPS,
+    SMALL_CAMERA,
+    UP,
+    UP_MBIT_S,
+    VIDEO_PORT,
+    WIDE_CAMERA,
+    Address,
+    emulated,
+    linked_robot,
+)
 from local_network import free_port, insecure_tls
 from paper.costs import use_of
 from PIL import Image
@@ -53,7 +63,6 @@ NETWORKS = (
     (5.4, 5.4, 31),
 )
 NARROW = (0.8, 0.8, 38)
-WIDE = {"width": 1280, "height": 720, "fps": 25}
 COUNTS = (1, 5, 20)
 VIEWERS_SECONDS, VIEWERS_SETTLE_S = 10.0, 3.0
 RELAY_PORT = 8080
@@ -282,7 +291,7 @@ async def over_link(
     qualities: Sequence[int] = (),
 ) -> list[Row]:
     """Look at the cameras of a robot behind the link, and at the first by plain MJPEG of these qualities."""
-    async with linked_robot(link, request.get("fps", FPS)) as (site, subject):
+    async with linked_robot(link, {**SMALL_CAMERA, **request}) as (site, subject):
         address = site.address_of(subject.robot)
         rows = await ours_viewed(where, address, seconds, request)
         for quality in qualities:
@@ -301,7 +310,7 @@ def measure_networks(seconds: float = SECONDS) -> Section:
     """Measure what H.264 is for: a large picture, and a narrow line."""
     rows: list[Row] = []
     for (down, up, delay_ms), what, request in (
-        (NETWORKS[2], ", 1280x720 at 25/s", WIDE),
+        (NETWORKS[2], ", 1280x720 at 25/s", WIDE_CAMERA),
         (NARROW, "", {"fps": FPS}),
     ):
         where = f"{down:g}/{up:g} Mbit/s, {delay_ms:g} ms{what}"

@@ -247,9 +247,10 @@ class RenderedFrame:
 
 
 class FrameFeed:
-    """The camera's frames. `scene_of` gives the scene as it is now."""
+    """The camera's frames, in `own_format` for who requests none. `scene_of` gives the scene as it is now."""
 
-    def __init__(self, scene_of: Callable[[], Scene], fps: float) -> None:
+    def __init__(self, scene_of: Callable[[], Scene], fps: float, own_format: FrameFormat) -> None:
+        self.own_format = own_format
         self._scene = scene_of
         self._fps = fps
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="camera")

@@ -11,6 +11,7 @@ from sim_robot.kinematics import DRIVETRAINS
 
 PREFIX = "SIM_"
 PORT_MAX = 65535
+CAMERA_SIZES = ("640x480", "1280x720")
 LOG_LEVELS = ("debug", "info", "warning", "error")
 
 
@@ -31,6 +32,7 @@ class SimSettings:
     rosbridge_port: int = 9090
     video_port: int = 8080
     camera_fps: float = 15.0
+    camera_size: str = "640x480"
     log_level: str = "info"
 
 
@@ -50,6 +52,7 @@ def from_environment(environment: Mapping[str, str]) -> SimSettings:
         rosbridge_port=_port(values, "SIM_ROSBRIDGE_PORT", SimSettings.rosbridge_port),
         video_port=_port(values, "SIM_VIDEO_PORT", SimSettings.video_port),
         camera_fps=_number(values, "SIM_CAMERA_FPS", SimSettings.camera_fps, 1, 30),
+        camera_size=_one_of(values, "SIM_CAMERA_SIZE", SimSettings.camera_size, CAMERA_SIZES),
         log_level=_one_of(values, "SIM_LOG_LEVEL", SimSettings.log_level, LOG_LEVELS),
     )
 

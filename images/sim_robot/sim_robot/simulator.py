@@ -15,7 +15,7 @@ from typing import Self
 from aiohttp import web
 
 from sim_robot import devices
-from sim_robot.camera import ABOVE, AHEAD, AROUND, CompressedCamera, FrameFeed, Scene
+from sim_robot.camera import ABOVE, AHEAD, AROUND, CompressedCamera, FrameFeed, FrameFormat, Scene
 from sim_robot.camera import NODE as CAMERA_NODE
 from sim_robot.devices import Devices, Sensors
 from sim_robot.graph import make_graph
@@ -111,8 +111,10 @@ class Simulator:
         self._settings = settings
         self.graph = make_graph(settings.ros_version)
         self.robot = RobotNode(self.graph, settings.world_size_m, settings.kind)
+        width, height = map(int, settings.camera_size.split("x"))
+        own_format = FrameFormat(width, height)
         self.feeds = {
-            topic: FrameFeed(partial(self._scene, camera), settings.camera_fps)
+            topic: FrameFeed(partial(self._scene, camera), settings.camera_fps, own_format)
             for topic, camera in list(CAMERAS.items())[: settings.cameras]
         }
         self.devices = Devices(self.graph, self.robot, tuple(self.feeds.values()))

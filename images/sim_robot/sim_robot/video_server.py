@@ -51,8 +51,8 @@ class VideoServer:
 
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
         query = _query_of(request)
-        frame_format = _frame_format(query)
         feed = self._feed(query)
+        frame_format = _frame_format(feed, query)
         if feed is None:
             await asyncio.sleep(CLEANUP_S)
             return _cut_off(request)
@@ -66,7 +66,8 @@ class VideoServer:
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         query = _query_of(request)
         _check_type(query)
-        frame_format = _frame_format(query)
+        feed = self._feed(query)
+        frame_format = _frame_format(feed, query)
         content_type = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
         response = web.StreamResponse(headers=_HEADERS | {"Content-Type": content_type})
         response.force_close()
@@ -74,7 +75,6 @@ class VideoServer:
         await response.prepare(request)
         try:
             await response.write(f"--{BOUNDARY}\r\n".encode())
-            feed = self._feed(query)
             if feed is None:
                 await asyncio.sleep(CLEANUP_S)
             elif self._hears(query):
@@ -143,11 +143,12 @@ def _check_type(query: Mapping[str, str]) -> None:
         raise web.HTTPNotFound(text="Not Found")
 
 
-def _frame_format(query: Mapping[str, str]) -> FrameFormat:
+def _frame_format(feed: FrameFeed | None, query: Mapping[str, str]) -> FrameFormat:
+    own = FrameFormat() if feed is None else feed.own_format
     return FrameFormat(
-        width=_number(query, "width", FrameFormat.width, SIZE_LIMIT_PX),
-        height=_number(query, "height", FrameFormat.height, SIZE_LIMIT_PX),
-        quality=_number(query, "quality", FrameFormat.quality, 100),
+        width=_number(query, "width", own.width, SIZE_LIMIT_PX),
+        height=_number(query, "height", own.height, SIZE_LIMIT_PX),
+        quality=_number(query, "quality", own.quality, 100),
     )
 
 
