@@ -1,6 +1,8 @@
 // Reads messages in CDR, ROS 2's encoding, by the definitions that a recording has of them: the other end of cdr.py in the recorder.
 // Definitions and messages may be a hostile robot's, so every length is checked before anything is made of it. Pure.
 
+import { plainType } from "../client/rosbridge.js";
+
 /** @typedef {{name: string, type: string, length: number | null}} Field `length`: null one value, 0 a sequence, else an array */
 
 const MAX_DEFINITION_CHARS = 200_000;
@@ -38,20 +40,18 @@ export function decoderOf(type, definition) {
   const types = typesOf(type, definition);
   return (data) => {
     if (data.length < HEAD_BYTES || data[0] !== 0 || data[1] !== 1) throw new CdrError("no CDR of ours");
-    return new Reader(data.subarray(HEAD_BYTES), types).struct(shortName(type), 0);
+    return new Reader(data.subarray(HEAD_BYTES), types).struct(plainType(type), 0);
   };
 }
-
-const shortName = (type) => type.replace("/msg/", "/");
 
 /** @returns {Map<string, Field[]>} */
 function typesOf(type, definition) {
   if (definition.length > MAX_DEFINITION_CHARS) throw new CdrError("a definition that is too long");
   const [own, ...inner] = definition.split(SEPARATOR);
-  const types = new Map([[shortName(type), fieldsOf(own)]]);
+  const types = new Map([[plainType(type), fieldsOf(own)]]);
   for (const text of inner) {
     const [, name, fields] = /^\s*MSG: (\S+)\n([^]*)$/.exec(text) ?? [];
-    if (name) types.set(shortName(name), fieldsOf(fields));
+    if (name) types.set(plainType(name), fieldsOf(fields));
   }
   return types;
 }
@@ -67,7 +67,7 @@ function fieldsOf(text) {
 function fieldOf(line) {
   const [, type, length, name] = FIELD.exec(line) ?? [];
   if (!type) throw new CdrError("a line that is not a field");
-  return { name, type: shortName(type), length: length === undefined ? null : Number(length) };
+  return { name, type: plainType(type), length: length === undefined ? null : Number(length) };
 }
 
 class Reader {

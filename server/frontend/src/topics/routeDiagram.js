@@ -1,5 +1,6 @@
 // Robots and web apps in two columns with their topics, and lines between them: the routes, which people draw and remove.
 
+import { plainType } from "../client/rosbridge.js";
 import { KeyedRows } from "../dom/keyedRows.js";
 import { make, makeButton, part, setText } from "../dom/page.js";
 import { routes as texts } from "../texts/routes.js";
@@ -17,9 +18,6 @@ function linePath([fromX, fromY], [toX, toY]) {
 
 // Whether an end of a route is a web app, by its name. Pure.
 export const isApp = (name) => name.startsWith("app:");
-
-// ROS 1 spells a type's name without the /msg/ of ROS 2.
-const plainType = (type) => type.replace("/msg/", "/");
 
 // The type of a route: the robot's; an app may spell it as either ROS does. null: the ends differ. Pure.
 export function routeType(from, to) {

@@ -58,7 +58,7 @@ class TopicRequest:
 
     `qos` is JSON. Two that differ in what each client's relay does share a topic: `fragment_size` is the length of the
     texts of which the client gets a longer message. `names` are the topic's as the client gave them, with the
-    first slash or without: it gets each message under each, as from rosbridge. None: under the whole name.
+    first slash or without: it gets each message under each, as from rosbridge. Empty: under the whole name.
     """
 
     topic: str

@@ -222,7 +222,7 @@ async def test_a_message_that_equals_one_of_before_comes_once(relay, sim1, monke
 
 
 async def test_each_new_subscription_has_all_static_frames_at_once(relay, sim1, monkeypatch):
-    """Each publisher has latched a frame, of which rosbridge for ROS 2 repeats the last; requests may be delayed."""
+    """Rosbridge for ROS 2 repeats only the newest frame of several publishers; a new request may be delayed."""
     topics, name, got = relay.relay.shared_topics, "/arm/tf_static", []
     monkeypatch.setattr(topics, "_connector", AskedConnector())
     monkeypatch.setattr(TopicCopies, "on_message", lambda _client, *message: got.append(message))
