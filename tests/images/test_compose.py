@@ -47,7 +47,8 @@ def test_container_is_locked_down(stack, service):
     assert added == CAPABILITIES.get(service, set())
     assert host["SecurityOpt"] == ["no-new-privileges:true"]
     assert host["Memory"] > 0
-    assert host["LogConfig"]["Config"]["max-size"] == "10m"
+    log = host["LogConfig"]["Config"]
+    assert (log["max-size"], log["mode"]) == ("10m", "non-blocking")
     published = {"nginx": {"8081/tcp", "8443/tcp"}, "sshd": {"2222/tcp"}}
     assert set(host["PortBindings"] or {}) == published.get(service, set())
 
