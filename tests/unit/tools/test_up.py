@@ -63,6 +63,8 @@ def test_no_password_is_told_that_admin_does_not_have(checkout):
     """A stack with data has an admin, whose password a new file would not be."""
     (checkout / "volumes").write_text("robots_mysql\n")
     assert "the one that admin had before" in up(checkout).stdout
+    (checkout / "volumes").unlink()
+    assert "nobody knows whether this machine has data" in up(checkout, status=1).stderr
     assert not (checkout / "compose" / "secrets" / "admin_password").exists()
 
 
