@@ -242,9 +242,13 @@ class Leasing:
         try:
             older = lease.claim(connection, now())
         except HeldError as held:
+            # A route ends for good when somebody else drives. A call is over in a moment, and an offer to help may be.
             if held.is_call and connection.is_route:
-                # A route ends for good when somebody else drives. A call is over in a moment.
                 raise ConnectionClosedError(close_reasons.called(robot.name, held.user)) from held
+            if held.is_to_help and connection.is_route:
+                raise ConnectionClosedError(
+                    close_reasons.reserved_to_help(robot.name, held.user)
+                ) from held
             since = None if held.since is None else held.since.utc
             raise ConnectionClosedError(
                 close_reasons.lease_held(robot.name, held.user, since)

@@ -138,6 +138,12 @@ def called(robot: str, by: str) -> CloseReason:
     return CloseReason("lease_unavailable", why)
 
 
+def reserved_to_help(robot: str, by: str) -> CloseReason:
+    """A route may not drive while control is reserved for whoever is to help the robot."""
+    why = f"cannot let you drive {robot}: it is reserved for {by}, who may help it"
+    return CloseReason("lease_unavailable", why)
+
+
 def client_silent(robot: str, limit_s: float) -> CloseReason:
     """No pong or message for 6 s (pings every 2 s); of a driver 2.5 s (every 0.2 s), of an app's routes 10 s."""
     why = f"you sent nothing for {limit_s:g} s; the connection to {robot} is closed"

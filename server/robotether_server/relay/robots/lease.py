@@ -99,13 +99,19 @@ class Handover:
 
 
 class HeldError(RobotetherError):
-    """Somebody else drives, or the lease is kept for somebody else."""
+    """Somebody else drives, or the lease is kept for somebody else.
 
-    def __init__(self, user: str, since: Instant | None, *, is_call: bool = False) -> None:
+    `is_call`: by a call over HTTP; `is_to_help`: kept for who is to help the robot, and may never come.
+    """
+
+    def __init__(
+        self, user: str, since: Instant | None, *, is_call: bool = False, is_to_help: bool = False
+    ) -> None:
         super().__init__(user)
         self.user = user
         self.since = since
         self.is_call = is_call
+        self.is_to_help = is_to_help
 
 
 class Lease:
@@ -153,7 +159,7 @@ class Lease:
             raise HeldError(present.user, since, is_call=present.is_call)
         reservation = self.reserved(now)
         if reservation is not None and (holder.is_route or reservation.user.id != holder.user_id):
-            raise HeldError(reservation.user.name, None)
+            raise HeldError(reservation.user.name, None, is_to_help=reservation.is_to_help)
         older, self.claimant = self.claimant, holder
         return older
 

@@ -11,6 +11,7 @@ import pytest
 import pytest_asyncio
 from relay_clients import PUBLISH, audit_lines
 from relay_server import BEN, CARL, EVE, until
+from robotether_server.db.fleet import RelayRequest
 from robotether_server.relay.control.leasing import LeaseRequester, now
 from robotether_server.relay.robots import lease
 from robotether_server.relay.robots.connection import Connection
@@ -190,6 +191,17 @@ async def test_it_waits_for_a_call_over_http(world, phase):
     world.database.routes = [FOLLOW]
     await until(lambda: "ben calls a service" in world.why(), "it waits")
     leasing.end(call)
+    await until(lambda: world.live()[1][0] == "runs", "the route runs")
+    assert world.ends() == []
+
+
+async def test_it_waits_while_an_operator_has_an_offer_to_help_the_robot(world):
+    world.database.requests = [RelayRequest(TARGET, "offered", 1.0, BEN, 20.0)]
+    leasing = world.relay.relay.control.leasing
+    await until(lambda: leasing.of(TARGET).reserved(now()), "the robot is reserved")
+    world.database.routes = [FOLLOW]
+    await until(lambda: "reserved for ben" in world.why(), "it waits")
+    world.database.requests = []
     await until(lambda: world.live()[1][0] == "runs", "the route runs")
     assert world.ends() == []
 
