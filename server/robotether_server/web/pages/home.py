@@ -23,10 +23,9 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server.api import auth
 from robotether_server.api.context import context
 from robotether_server.contract.codes import DRIVE_ENDS, REFUSALS
-from robotether_server.db import Transaction, cells, seen_robots
+from robotether_server.db import Transaction, seen_robots
 from robotether_server.db.audit import MAX_ACTOR_LENGTH, Source
 from robotether_server.db.seen_robots import SeenRobot
-from robotether_server.install_line import SiteAddress
 from robotether_server.problems import (
     FieldInvalidError,
     LoginFailedError,
@@ -171,13 +170,10 @@ def _tiles(seen: list[SeenRobot]) -> dict[str, dict[str, str]]:
 
 def _other_machines(tx: Transaction) -> list[dict[str, str]]:
     """Return the machines of the site whose page this person could open instead, and let this page measure them."""
-    # By whichever of its names the page was opened.
-    own = context().site_certificates.settings
     others = [
-        {"name": cell.name, "authority": SiteAddress(cell.host, cell.https_port).authority}
-        for cell in cells.read(tx)
-        if cell.host is not None and cell.is_listed
-        if (cell.host, cell.https_port) != (own.public_host, own.public_port)
+        {"name": cell.name, "authority": site}
+        for cell, site in context().other_cells(tx)
+        if cell.is_listed
     ]
     g.other_machines = [item["authority"] for item in others]
     return others

@@ -39,12 +39,14 @@ def show() -> str:
         find = partial(find, robot=query["robot"] or None, before=filters.before())
         rows = find("drive")
         managed = {recording.id for recording in find("manage")}
+        elsewhere = {cell.name: f"https://{site}" for cell, site in context().other_cells(tx)}
     return render_template(
         "recordings.html",
         page=filters.page(request.path, query, rows),
         query=query,
         robots=filters.name_choices(robots),
         managed=managed,
+        elsewhere=elsewhere,
     )
 
 

@@ -6,7 +6,8 @@ import re
 import pytest
 from admin_visitor import send
 from granted import give
-from robotether_server.db import recordings, robots, users
+from relay_server import cell_settings
+from robotether_server.db import cells, recordings, robots, users
 from robotether_server.db.recordings import Progress
 from robotether_server.times import utc_now
 from web_visitor import audit_kinds
@@ -70,6 +71,21 @@ def test_pieces_of_a_viewing_are_one_line_of_the_audit_log(browser, app, number,
     for path in (piece, f"/recordings/{number}"):
         assert browser.ask("GET", path).status_code == 404
     assert len(kinds()) == 2
+
+
+def test_what_another_machine_has_is_played_and_downloaded_there(
+    browser, number, relay_database, recorder_database
+):
+    with relay_database.transaction() as tx:
+        cells.write_heartbeat(tx, cell_settings("b", "b.example"), cells.CellCounts(), utc_now())
+    browser.log_in("olga")
+    for cell, site in (("main", ""), ("b", "https://b.example")):
+        with recorder_database.transaction() as tx:
+            tx.change("UPDATE recordings SET cell = %s", (cell,))
+        links = re.findall(
+            r'href="([^"]*/recordings/\d+(?:/file)?)"', browser.ask("GET", "/recordings").text
+        )
+        assert links == [f"{site}/recordings/{number}/file", f"{site}/recordings/{number}"]
 
 
 def test_who_drives_a_robot_sees_and_stops_a_recording(browser, number, recorder_database):
