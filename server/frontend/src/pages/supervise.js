@@ -7,7 +7,7 @@ import { byTestId, noteScript, part, reloadOnReturn, setText } from "../dom/page
 import { askOnce, Presses } from "../dom/presses.js";
 import { drawCharts } from "../health/charts.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
-import { fillRequest, keyOfRequest, showDataState } from "../queue/requestRows.js";
+import { endOf, fillRequest, keyOfRequest, showDataState } from "../queue/requestRows.js";
 import { chartsOf, figureTexts, offeredOperators, operatorFacts, periodWords } from "../queue/supervision.js";
 import { supervise as texts } from "../texts/queue.js";
 
@@ -116,10 +116,8 @@ async function assign(id, robot, select) {
   poller.askNow();
 }
 
-// What nobody has accepted is cancelled: it was not answered.
 async function close(id, robot, state) {
-  const path = `/api/v1/requests/${id}/${state === "accepted" ? "close" : "cancel"}`;
-  const answer = await askOnce(id, () => api.post(path, {}));
+  const answer = await askOnce(id, () => api.post(`/api/v1/requests/${id}/${endOf({ state })}`, {}));
   if (!answer) return;
   setText(outcome, answer.ok ? texts.closed(robot) : texts.notClosed(robot, answer.detail));
   poller.askNow();

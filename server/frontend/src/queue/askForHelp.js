@@ -2,10 +2,10 @@
 
 import { robotPath } from "../client/api.js";
 import { KeyedRows } from "../dom/keyedRows.js";
-import { make, makeButton, part, setText } from "../dom/page.js";
-import { askOnce } from "../dom/presses.js";
+import { byTestId, make, makeButton, part, setText } from "../dom/page.js";
+import { askOnce, markNew } from "../dom/presses.js";
 import { help as texts } from "../texts/queue.js";
-import { keyOfRequest, requestFacts } from "./requestRows.js";
+import { endOf, keyOfRequest, requestFacts } from "./requestRows.js";
 
 const NORMAL = 2;
 const URGENT = 1;
@@ -20,11 +20,15 @@ export class AskForHelp {
     this.path = robotPath(robot, "requests", { mac });
     this.post = post;
     this.onAsked = onAsked;
-    this.mayWithdraw = ({ source, asked_by: asker }) => level === "manage" || (asker === me && BY_PEOPLE.includes(source));
+    this.manages = level === "manage";
+    this.me = me;
+    this.open = [];
     this.panel = part(root, "help");
     this.form = part(root, "help-form"); // who only watches has none
     this.list = part(this.panel, "help-list");
-    this.rows = new KeyedRows({ container: this.list, keyOf: keyOfRequest, make: (request) => this.make(request), fill: fillItem });
+    const make = (request) => this.make(request);
+    const fill = (item, request) => this.fill(item, request);
+    this.rows = new KeyedRows({ container: this.list, keyOf: keyOfRequest, make, fill });
     this.form?.addEventListener("submit", (event) => this.ask(event));
   }
 
@@ -44,6 +48,7 @@ export class AskForHelp {
   // `requests` are the open ones of what has the robot's name, or null where that is not known.
   receive(requests) {
     const open = (requests ?? []).filter(({ mac }) => mac === this.mac);
+    this.open = open;
     setText(part(this.root, "help-badge"), open.length ? texts.open : "");
     part(this.root, "help-badge").hidden = open.length === 0;
     setText(part(this.panel, "help-state"), requests ? "" : texts.unknown);
@@ -52,17 +57,32 @@ export class AskForHelp {
     if (hadFocus && !this.list.contains(document.activeElement)) part(this.root, "drawer").focus({ preventScroll: true });
   }
 
-  make(request) {
-    const withdraw = makeButton("help-withdraw", texts.withdraw, () => this.withdraw(request.id));
-    withdraw.hidden = !this.mayWithdraw(request);
+  make({ id }) {
+    const end = makeButton("help-withdraw", "", () => this.end(id));
     const words = [make("span", { "data-part": "reason" }), make("small", { "data-part": "facts" })];
-    return make("li", {}, make("p", {}, ...words), withdraw);
+    return make("li", {}, make("p", {}, ...words), end);
   }
 
-  async withdraw(id) {
-    const answer = await askOnce(id, () => this.post(`/api/v1/requests/${id}/cancel`));
+  fill(item, request) {
+    const { reason, priority, state, age } = requestFacts(request);
+    setText(part(item, "reason"), reason);
+    setText(part(item, "facts"), [priority, state, age].join(" · "));
+    showEnd(byTestId(item, "help-withdraw"), this.endOf(request));
+  }
+
+  // How this person may end it: as the one who works on it, as a manager, or as the one who asked. Empty: not at all.
+  endOf(request) {
+    const { source, asked_by: asker, accepted_by: operator } = request;
+    if (this.manages || operator === this.me) return endOf(request);
+    return asker === this.me && BY_PEOPLE.includes(source) ? "cancel" : "";
+  }
+
+  async end(id) {
+    const action = this.endOf(this.open.find((request) => request.id === id));
+    const answer = await askOnce(id, () => this.post(`/api/v1/requests/${id}/${action}`, {}));
     if (!answer) return;
-    this.say(answer.ok ? texts.cancelled : texts.notWithdrawn(answer.detail));
+    const { done, failed } = texts.ends[action];
+    this.say(answer.ok ? done : failed(answer.detail));
     this.onAsked();
   }
 
@@ -71,10 +91,13 @@ export class AskForHelp {
   }
 }
 
-function fillItem(element, request) {
-  const { reason, priority, state, age } = requestFacts(request);
-  setText(part(element, "reason"), reason);
-  setText(part(element, "facts"), [priority, state, age].join(" · "));
+// A press that was meant for the other end does not count.
+function showEnd(button, action) {
+  button.hidden = !action;
+  if (!action || button.value === action) return;
+  if (button.value) markNew(button);
+  button.value = action;
+  setText(button, texts.ends[action].words);
 }
 
 // The server keeps the request that is open, and its reason.

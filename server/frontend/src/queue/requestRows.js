@@ -18,6 +18,9 @@ export function requestFacts({ robot, reason, source, priority, pool, asked_by: 
   };
 }
 
+// How it is ended: what nobody has accepted is cancelled, for it was not answered. Pure.
+export const endOf = ({ state }) => (state === "accepted" ? "close" : "cancel");
+
 // A rule of the robot names itself; what else asks has words of its own.
 export const reasonText = ({ reason, source }) => reason || texts.sources[source] || texts.noReason;
 

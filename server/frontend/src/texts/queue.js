@@ -130,7 +130,8 @@ export const help = {
   sent: "The request waits for an operator.",
   already: (reason) => `Help was already requested: ${sentence(reason)}`,
   failed: (detail) => notDone("Not requested.", detail),
-  withdraw: "Withdraw",
-  cancelled: "The request is withdrawn.",
-  notWithdrawn: (detail) => notDone("Not withdrawn.", detail),
+  ends: {
+    cancel: { words: "Withdraw", done: "The request is withdrawn.", failed: (detail) => notDone("Not withdrawn.", detail) },
+    close: { words: "Close", done: "The request is closed.", failed: (detail) => notDone("Not closed.", detail) },
+  },
 };

@@ -37,6 +37,30 @@ test("a request that comes does not move the others, whose buttons may be under 
   assert.deepEqual(reasons, ["reason 1", "reason 2", "reason 3"]);
 });
 
+test("who works on a request closes it on the drive page, and who asked withdraws it", async () => {
+  const [root, posted] = [new FakeElement(), []];
+  const help = new AskForHelp(root, {
+    robot: "sim1",
+    mac: "m1",
+    level: "drive",
+    me: "ann",
+    post: async (path) => posted.push(path) && { ok: true },
+    onAsked() {},
+  });
+  const request = (id, more) => ({ id, mac: "m1", source: "page", asked_by: "ben", state: "accepted", age_s: 1, ...more });
+  const asked = request(7, { state: "waiting", asked_by: "ann" });
+  help.receive([request(6, { accepted_by: "ann" }), asked, request(8, { accepted_by: "ben" })]);
+  const items = part(part(root, "help"), "help-list").children;
+  for (const item of items.slice(0, 2)) item.children[1].dispatchEvent(new Event("click"));
+  await settle();
+  assert.deepEqual(posted, ["/api/v1/requests/6/close", "/api/v1/requests/7/cancel"]);
+  const ends = items.map((item) => byTestId(item, "help-withdraw"));
+  assert.deepEqual(
+    ends.map(({ hidden, textContent }) => (hidden ? "" : textContent)),
+    ["Close", "Withdraw", ""],
+  );
+});
+
 test("what is not known of a request or of an operator is said to be", () => {
   const unknown = { robot: "sim1", reason: "", source: "battery", priority: 9, pool: "", asked_by: null, age_s: null, state: "new" };
   const { reason, priority, pool, asker, age, state } = requestFacts(unknown);
