@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from robotether_server.db import cells
 from robotether_server.db.database import Row, Transaction
 
-# Whoever opens the robot of an offer is not busy with another one.
+# Whoever opens the robot of an offer is not busy with another one. A lease of a user's routes has another name.
 DRIVES_SINCE = (
-    "(SELECT MIN(s.since) FROM control_leases s WHERE s.user_id = o.user_id AND s.ended_at IS NULL "  # noqa: S608 - the modules' own text
+    "(SELECT MIN(s.since) FROM control_leases s "  # noqa: S608 - the modules' own text
+    "WHERE s.user_id = o.user_id AND s.user_name = u.name AND s.ended_at IS NULL "
     f"AND {cells.IS_OF_LIVE_CELL} AND NOT EXISTS (SELECT 1 FROM help_requests h "
     "WHERE h.state = 'offered' AND h.offered_to = o.user_id AND h.robot_id = s.robot_id))"
 )

@@ -87,9 +87,10 @@ class HelpDesk:
                 changes = ", ".join(f"{name} = {name} - INTERVAL %(s)s SECOND" for name in columns)
                 tx.change(f"UPDATE {table} SET {changes}", {"s": seconds})
 
-    def drive(self, name: str, robot: str) -> None:
+    def drive(self, name: str, robot: str, shown_as: str = "") -> None:
         with self.relay_database.transaction() as tx:
-            next_fence(tx, NewLease(self.robots[robot], self.users[name], name, utc_now()))
+            user_id, driver = self.users[name], shown_as or name
+            next_fence(tx, NewLease(self.robots[robot], user_id, driver, utc_now()))
 
     def request(self, request_id: int) -> HelpRequest:
         with self.database.transaction() as tx:

@@ -90,7 +90,9 @@ def test_an_operator_is_away_since_the_choice_whatever_the_page_says_or_since_it
 
 
 def test_who_drives_is_busy_but_for_the_robot_of_the_offer(desk):
+    """Nor does a route of the operator drive in person."""
     desk.poll("ann")
+    desk.drive("ann", "sim2", "ann (route)")
     request_id = desk.ask()
     desk.pass_time(1)
     assert desk.poll("ann").offer.id == request_id
