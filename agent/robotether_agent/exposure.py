@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
-from robotether_agent.files import read_text
+from robotether_agent.files import MACHINE_FAULTS, read_text
 from robotether_agent.problems import StateUnusableError
 
 # A firewall that spares this machine's own connections, as ufw does, does not show from here.
@@ -52,14 +52,22 @@ def port_of(url: str) -> int:
     return split.port or DEFAULT_PORTS.get(split.scheme, 80)
 
 
-def exposed_at(url: str) -> str:
-    """Return an address beyond loopback at which the port of `url` answers; empty: none, or not known.
+def exposed_at(url: str) -> str | None:
+    """Return an address beyond loopback at which the port of `url` answers; empty: none; None: it is not known.
 
     Blocks for TIMEOUT_S for each of the robot's own addresses at most. A service that listens on loopback alone sees no
     connection: the kernel's list says so. One that listens on all interfaces is tried at the robot's own addresses,
     where a firewall may be in the way, if it is one for connections of this machine, too.
     """
-    port = port_of(url)
+    try:
+        return _exposed_at(port_of(url))
+    except (OSError, StateUnusableError) as error:
+        # A hardened kernel shows its list to root alone; and this process may have no free file descriptor.
+        log.debug("cannot see whether %s is exposed: %s", url, error)
+        return None
+
+
+def _exposed_at(port: int) -> str:
     for address in _listens_beyond_loopback(port):
         candidates = [str(address)]
         if address.is_unspecified:
@@ -127,7 +135,9 @@ async def rosbridge_advice(url: str) -> str:
 def _answers(address: str, port: int) -> bool:
     try:
         socket.create_connection((address, port), timeout=TIMEOUT_S).close()
-    except OSError:
+    except OSError as error:
+        if error.errno in MACHINE_FAULTS:
+            raise
         return False
     return True
 
@@ -144,12 +154,7 @@ def _listens_beyond_loopback(port: int) -> list[Address]:
 
 
 def _lines_of(path: Path) -> list[str]:
-    try:
-        return (read_text(path) or "").splitlines()
-    except StateUnusableError as problem:
-        # A hardened kernel shows it to root alone.
-        log.debug("%s", problem)
-        return []
+    return (read_text(path) or "").splitlines()
 
 
 def _address(words: str) -> Address:

@@ -118,11 +118,8 @@ class Health:
         while True:
             # To list its sockets takes the kernel milliseconds, more on a machine with more memory. So nothing waits
             # for it, and robots that share a machine ask at different moments.
-            address = self.report.ros_exposed
-            # An agent without a free file descriptor learns nothing of it.
-            with suppress(OSError):
-                address = await asyncio.to_thread(exposed_at, self._rosbridge_url)
-            if address != self.report.ros_exposed:
+            address = await asyncio.to_thread(exposed_at, self._rosbridge_url)
+            if address is not None and address != self.report.ros_exposed:
                 advice = await rosbridge_advice(self._rosbridge_url) if address else ""
                 report = replace(self.report, ros_exposed=address, ros_exposed_advice=advice)
                 await self._set(report)

@@ -1,8 +1,8 @@
 """The probes of the robot's services against real servers, and whom these services answer."""
 
 import asyncio
-import errno
 import os
+import resource
 import socket
 import subprocess
 from contextlib import ExitStack
@@ -135,11 +135,20 @@ async def test_rosbridge_that_its_network_reaches_is_told_until_it_is_mended(
     monkeypatch.setattr(health_module, "SELDOM", 1)
     health = watch(services.ws_url, services.url)
     await until(health, lambda report: report.ros_exposed == "0.0.0.0")
-    look.side_effect = chain([OSError(errno.EMFILE, "no descriptor")], repeat(""))
+    look.side_effect = chain([None], repeat(""))
     await until(health, lambda report: not report.ros_exposed)
     warnings = [line for line in caplog.messages if "0.0.0.0" in line]
     assert len(warnings) == 1
     assert "unless a firewall keeps them out; start it with address:=127.0.0.1" in warnings[0]
+
+
+def test_exposure_is_unknown_without_a_file_descriptor():
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
+    try:
+        assert exposed_at("ws://127.0.0.1:9090/") is None
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 FIREWALL = Path(__file__).resolve().parents[3] / "ros" / "robotether-ros.nft"
