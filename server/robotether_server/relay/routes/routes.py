@@ -12,7 +12,7 @@ import asyncio
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import datetime, timedelta
 
 from robotether_server.contract.routes import LiveRoute, LiveRouteList
 from robotether_server.db.fleet import RelayRobot, Snapshot
@@ -36,6 +36,8 @@ log = logging.getLogger(__name__)
 CHECK_EVERY_S = 0.5
 # Time after which a connection that failed is tried again.
 RETRY_AFTER_S = 2.0
+# Maximum difference of the database's clock from this one.
+CLOCKS_DIFFER = timedelta(seconds=2)
 CONNECTING = "it connects to the target"
 # Ends of a drive that end its routes for good; after others they go on once they can.
 LASTING_ENDS = frozenset(("robot_stopped", "lease_held", "lease_lost"))
@@ -89,7 +91,13 @@ class RouteRunner:
 
     def on_routes(self, routes: Sequence[RelayRoute]) -> None:
         """These are the routes that last; robots and rights are no older."""
-        self._routes = {route.id: route for route in routes}
+        lasting = {route.id: route for route in routes}
+        soon = utc_now() + CLOCKS_DIFFER
+        for route in self._routes.values():
+            # The database may see first that its time is over. Of one that was removed nothing is written.
+            if route.id not in lasting and route.ends_at is not None and route.ends_at <= soon:
+                self._end(route, "expired")
+        self._routes = lasting
         self._ended &= self._routes.keys()
         self.update()
 

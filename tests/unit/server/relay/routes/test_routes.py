@@ -155,6 +155,15 @@ async def test_it_ends_for_good(world, act, code):
     assert world.live() == {}
 
 
+async def test_its_time_is_over_by_the_clock_of_the_database(world, monkeypatch):
+    """It lists the route no more, perhaps before the time has come here."""
+    monkeypatch.setattr(relay_routes, "CLOCKS_DIFFER", timedelta(hours=2))
+    await start(world, replace(FOLLOW, ends_at=utc_now() + timedelta(hours=1)))
+    world.database.routes = []
+    await until(world.ends, "it ended")
+    assert world.ends() == ["expired"]
+
+
 @pytest.mark.usefixtures("no_command_is_late")
 async def test_it_never_takes_the_lease_from_a_person(world, http):
     target = world.database.robots[TARGET]
