@@ -22,6 +22,8 @@ RecordingState = Literal["requested", "recording", "interrupted", "ended"]
 PROGRESS_WITHIN_S = 30
 # Time limit for the recorder to begin what somebody asks for, by the database's clock.
 BEGIN_WITHIN_S = 60
+# Maximum length of a recording that somebody asked for, with those that continue it.
+MAX_ASKED_S = 4 * 3600
 # Time within which a person's requests for pieces of a recording are one download.
 DOWNLOAD_WITHIN_S = 3600
 
@@ -344,13 +346,20 @@ def end(
 
 
 def ask_again(tx: Transaction, recording_id: int) -> None:
-    """Ask all cells' recorders for what somebody asked for, in place of one that ended for another reason."""
+    """Ask all cells' recorders for what somebody asked for, in place of one that is about to end for another reason.
+
+    Not if that was long ago, or somebody has asked again while the recorder was away.
+    """
     tx.change(
         "INSERT INTO recordings (robot_id, robot, cause, asked_by_id, asked_by, first_asked_at)"
         " SELECT r.robot_id, b.name, r.cause, r.asked_by_id, r.asked_by, COALESCE(r.first_asked_at, r.asked_at)"
         " FROM recordings r JOIN recorder_robots b ON b.id = r.robot_id WHERE r.id = %s"
-        " AND r.cause = 'asked' AND r.stop_requested_at IS NULL AND r.delete_requested_at IS NULL",
-        (recording_id,),
+        " AND r.cause = 'asked' AND r.stop_requested_at IS NULL AND r.delete_requested_at IS NULL"
+        " AND r.ended_at IS NULL"
+        " AND COALESCE(r.first_asked_at, r.asked_at) > CURRENT_TIMESTAMP(6) - INTERVAL %s SECOND"
+        " AND NOT EXISTS (SELECT 1 FROM recordings later WHERE later.robot_id = r.robot_id AND later.id > r.id"
+        " AND later.cause = 'asked' AND later.ended_at IS NULL)",
+        (recording_id, MAX_ASKED_S),
     )
 
 

@@ -17,6 +17,7 @@ from typing import Any
 from robotether_server.contract.recordings import NS_PER_S
 from robotether_server.db.fleet import RECORDER
 from robotether_server.db.recordings import (
+    MAX_ASKED_S,
     Progress,
     RecordableRobot,
     RecordingCause,
@@ -50,8 +51,8 @@ RETENTION_EVERY_S = 600.0
 DISK_EVERY_S = 10.0
 # Free space that recordings leave to relay and database: this part of the disk, at most this number of bytes.
 MIN_FREE_PART, MAX_MIN_FREE_BYTES = 0.05, 1000**3
-# Maximum length of a recording that somebody asked for, and of each by the robot's settings, which goes on in another.
-MAX_ASKED_S, MAX_PIECE_S = 4 * 3600.0, 3600.0
+# Maximum length of each recording by the robot's settings, which goes on in another.
+MAX_PIECE_S = 3600.0
 # Time after a drive, a stop or a connection in which a recording by the robot's settings goes on.
 DRIVE_GAP_S, AFTER_STOP_S, OFFLINE_S = 10.0, 30.0, 30.0
 # Time after a file that could not be written in which none is begun by robots' settings.

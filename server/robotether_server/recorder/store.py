@@ -28,7 +28,9 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 # Ends of which the person who asked for the recording knows nothing: it goes on in another.
-CONTINUED_ENDS = frozenset(("robot_moved", "robot_renamed", "recorder_stopped"))
+CONTINUED_ENDS = frozenset(
+    ("robot_moved", "robot_renamed", "recorder_stopped", "recorder_restarted")
+)
 
 
 @dataclass(frozen=True)
@@ -135,11 +137,11 @@ class RecorderStore:
             await self.read()
 
     def _write(self, tx: Transaction, recording_end: RecordingEnd) -> None:
+        if recording_end.code in CONTINUED_ENDS:
+            recordings.ask_again(tx, recording_end.id)
         recordings.end(
             tx, recording_end.id, recording_end.code, recording_end.progress, recording_end.ended_at
         )
-        if recording_end.code in CONTINUED_ENDS:
-            recordings.ask_again(tx, recording_end.id)
         audit.record(
             tx,
             Source(recording_end.actor),

@@ -42,7 +42,20 @@ class RecorderOfCell:
             raise OSError
 
         client = SimpleNamespace(open_rosbridge=refuse, open_frames=refuse)
-        self.service = RecorderService(settings, client, RecorderStore(database, cell))
+        self._start = lambda: RecorderService(settings, client, RecorderStore(database, cell))
+        self.service = self._start()
+
+    async def restart_killed(self):
+        """Start the recorder again that was killed, and let it repair its files."""
+        for recorder, _, _ in self.service._open.values():
+            recorder.flush()
+            for recording in recorder.recordings.values():
+                recording.file.close()
+            if recorder._observing is not None:
+                recorder._observing.cancel()
+        self.service = self._start()
+        await self.service.step()
+        await asyncio.gather(*self.service.repairs)
 
     async def report(self, control):
         """Have its relay say this of the robot, and take a step before and after."""
@@ -118,9 +131,10 @@ async def test_an_asked_recording_goes_on_where_the_robot_goes(
 
 
 @pytest.mark.parametrize(
-    ("code", "name"), [("robot_renamed", "rover"), ("recorder_stopped", "sim1")]
+    ("code", "name"),
+    [("robot_renamed", "rover"), ("recorder_stopped", "sim1"), ("recorder_restarted", "sim1")],
 )
-async def test_an_asked_recording_goes_on_after_a_rename_or_an_upgrade(
+async def test_an_asked_recording_goes_on_after_a_rename_or_a_restart(
     *, cells, database, robot_id, admin_database, code, name
 ):
     number = ask(database, robot_id)
@@ -129,6 +143,8 @@ async def test_an_asked_recording_goes_on_after_a_rename_or_an_upgrade(
         tx.change("UPDATE robots SET name = %s", (name,))
     if code == "recorder_stopped":
         await cells[0].service.close()
+    elif code == "recorder_restarted":
+        await cells[0].restart_killed()
     for _ in range(2):
         await cells[0].report(HERE)
     assert rows(database) == [("asked", "ann", "a", code), ("asked", "ann", "a", None)]
@@ -136,6 +152,27 @@ async def test_an_asked_recording_goes_on_after_a_rename_or_an_upgrade(
         later = recording_service.stop(tx, users.get(tx, "ann"), number)
     assert (later.id, later.robot) == (number + 1, name)
     await cells[0].service.step()
+
+
+@pytest.mark.parametrize("ago", ["0 HOUR", "4 HOUR"])
+async def test_what_a_killed_recorder_recorded_goes_on_once_and_not_for_ever(
+    *, cells, database, robot_id, admin_database, ago
+):
+    """Nobody's page says that it goes on while the recorder is away, so somebody asks again."""
+    number = ask(database, robot_id)
+    await cells[0].report(HERE)
+    if ago == "0 HOUR":
+        ask(database, robot_id)
+    with admin_database.transaction() as tx:
+        tx.change(
+            f"UPDATE recordings SET asked_at = asked_at - INTERVAL {ago} WHERE id = %s", (number,)
+        )
+    await cells[0].restart_killed()
+    for _ in range(2):
+        await cells[0].report(HERE)
+    codes = ["recorder_restarted"] + [None] * (ago == "0 HOUR")
+    assert [row[3] for row in rows(database)] == codes
+    await cells[0].service.close()
 
 
 async def test_a_robot_that_moved_is_not_recorded_here_by_its_settings(
