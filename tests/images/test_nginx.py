@@ -115,6 +115,18 @@ def test_requests_that_nobody_can_read_are_problems(stack, path, cookie, status)
     assert (answer.status, body["status"], body["code"]) == (status, status, "request_invalid")
 
 
+def test_a_person_gets_a_page_in_place_of_a_problem(stack):
+    connection = http.client.HTTPSConnection(
+        "localhost", stack.https_port, timeout=5, context=insecure_tls()
+    )
+    headers = {"Sec-Fetch-Dest": "document", "Content-Length": str(2**20)}
+    connection.request("POST", "/login", headers=headers)
+    answer = connection.getresponse()
+    assert (answer.status, answer.headers.get_content_type()) == (413, "text/html")
+    assert b"What you sent is over 64 KB." in answer.read()
+    connection.close()
+
+
 # Holds connections that have passed to the server for TLS, each with a client's first message, and tries one more.
 # Prints how many were answered, whether one more was, and how many are once the first are closed.
 HOLD_PLACES = """
