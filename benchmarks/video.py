@@ -39,7 +39,7 @@ from relay_server import until
 from report import Row, Section, quantiles
 from robotether_agent.clock import robot_time
 from robotether_common.codecs import CODECS, JPEG, Codec
-from robotether_common.frames import HEADER, KEY, MAX_CREDITS
+from robotether_common.frames import CREDITS, HEADER, KEY
 from video_clips import Decoder
 
 ROBOT, CAMERA = "sim1", "/camera/image_raw"
@@ -143,7 +143,7 @@ async def view_frames(
     reader = FrameReader()
     async with http.ws_connect(url, compress=0, max_msg_size=0, **how) as socket:
         await socket.send_json({"op": "stream_request", **(stream_request or {})})
-        await socket.send_json({"op": "credit", "frames": MAX_CREDITS})
+        await socket.send_json({"op": "credit", "frames": CREDITS})
         async for message in socket:
             if message.type is aiohttp.WSMsgType.BINARY:
                 received_at = time.time()

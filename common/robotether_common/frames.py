@@ -23,8 +23,9 @@ MAX_DEPENDENT_FRAME_BYTES = 2 * 1024 * 1024
 # Minimum interval in seconds between two key frames that are sent because they were requested.
 KEY_FRAME_EVERY_S = 0.5
 MAX_TEXT_BYTES = 4096
-# Maximum number of frames that one hop may have granted and not yet received.
-MAX_CREDITS = 2
+# Number of frames that a receiver grants at first, and maximum number of those that it may have granted and not yet
+# received: more where the way is long.
+CREDITS, MAX_CREDITS = 2, 8
 
 # Maximum values of a stream request.
 MAX_SIDE = 4096

@@ -43,8 +43,6 @@ IDLE_S = 2.0
 CHECK_EVERY_S = 0.25
 STATUS_EVERY_S = 1.0
 MAX_TEXTS = 8
-# Maximum number of unconfirmed frames; a receiver that keeps the rules never has as many.
-MAX_IN_FLIGHT = 8
 # Default quality of JPEGs that are encoded again, whatever the level: a step opens no other source.
 SOURCE_QUALITY = 90
 # Time over which frames are counted for a rate.
@@ -158,7 +156,7 @@ class Receiver:
         self._has_to_encode = asyncio.Event()
         self._encoded: OutgoingFrame | None = None
         self._codec: Codec | None = None
-        self._in_flight: deque[SentFrame] = deque(maxlen=MAX_IN_FLIGHT)
+        self._in_flight: deque[SentFrame] = deque(maxlen=MAX_CREDITS)
         self._texts: deque[JsonFields] = deque(maxlen=MAX_TEXTS)
         self._status: VideoStatus | None = None
         self._status_s = self._checked_s = clock() - STATUS_EVERY_S

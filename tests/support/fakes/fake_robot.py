@@ -121,7 +121,7 @@ class FakeFrames:
             await socket.send_str(json.dumps(answer))
         elif message["op"] == "credit":
             self.credits[socket] += message["frames"]
-            assert self.credits[socket] <= 2, "the relay has more than two credits open"
+            assert self.credits[socket] <= 8, "the relay has more than eight credits open"
             await self._send(socket)
 
     async def _send(self, socket: web.WebSocketResponse) -> None:

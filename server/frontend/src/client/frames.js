@@ -3,6 +3,7 @@
 // It must never make a frame look newer than it is: driving is held by its age.
 
 import { backoff } from "./api.js";
+import { CreditWindow } from "./creditWindow.js";
 import { parse } from "./rosbridge.js";
 
 const OPEN_MS = 5000;
@@ -216,7 +217,6 @@ export class FrameStream {
 
 // One WebSocket of the frames protocol (docs/reference/media.md), from its opening to its end; FrameStream opens the next one.
 // It must never have more frames under way than the page can show, or what it shows would be late.
-const CREDITS = 2; // number of frames on their way: one is shown while the next comes
 const SYNC_MS = 500;
 const SILENCE_MS = 4000; // time limit for silence of the sender, which answers every clock sync
 const KEY_FRAME_MS = 500; // least interval between two requests of a key frame
@@ -236,6 +236,7 @@ class FramesLink {
     this.senderClock = new SenderClock({ now, wall });
     /** @type {Promise<unknown>} */
     this.turn = Promise.resolve();
+    this.credits = new CreditWindow();
     this.taken = null;
     this.keyRequestedAt = -Infinity;
     this.lacksKey = false; // and has not asked for it yet
@@ -254,7 +255,7 @@ class FramesLink {
     this.openedAt = this.receivedAt = this.now();
     this.send({ op: "stream_request", ...this.request });
     this.sendSync(); // before the first credit, so that the first frame's timestamp is known
-    this.credit(CREDITS);
+    this.credit(0);
   }
 
   ask(request) {
@@ -281,8 +282,9 @@ class FramesLink {
     this.send({ op: "clock_sync", t_ms: this.now() });
   }
 
-  credit(frames) {
-    this.send({ op: "credit", frames, taken: this.taken });
+  credit(done) {
+    const frames = this.credits.grant(done);
+    if (frames) this.send({ op: "credit", frames, taken: this.taken });
   }
 
   // What cannot be said now is said anew when it opens, or has no meaning any more.
@@ -299,13 +301,17 @@ class FramesLink {
 
   receiveText(text) {
     const message = parse(text);
-    if (message?.op === "clock_sync") this.senderClock.receive(message);
+    if (message?.op === "clock_sync") {
+      this.senderClock.receive(message);
+      this.credits.answered(this.now() - message.t_ms);
+    }
     if (message?.op === "status") this.onStatus(message);
   }
 
   // In their order, one at a time.
   receiveFrame(data) {
     const frame = readFrame(data);
+    this.credits.came(this.now());
     const at = frame && this.senderClock.timestamp(frame.timestampMs);
     if (frame) this.taken = frame.sequence;
     if (frame?.isKey) this.lacksKey = false;

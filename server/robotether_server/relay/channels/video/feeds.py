@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections import deque
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
@@ -20,14 +19,13 @@ from robotether_common.codecs import CODECS, H264, JPEG, NAMES
 from robotether_common.frames import (
     ENCODER_STARTS,
     HEADER,
-    MAX_CREDITS,
     SEQUENCES,
     StreamRequest,
     VideoStatus,
 )
 
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.problems import ProtocolError
+from robotether_server.relay.channels.video.credits import Credits
 from robotether_server.relay.channels.video.frame_protocol import (
     Frame,
     SenderClock,
@@ -87,6 +85,10 @@ class Viewer(CopyUser, Protocol):
     def may_drive(self) -> bool:
         """Whether it may drive the robot."""
 
+    @property
+    def round_trip_s(self) -> float:
+        """The shortest time in which it took a frame; 0 before it took any."""
+
     def notify(self) -> None:
         """There is a newer frame, or another status; must not wait."""
 
@@ -131,10 +133,9 @@ class Feed(SharedCopy[FeedKey, Viewer]):
         self._counts = counts
         self._watched = watched
         self._driver_id = driver_id
-        self._untaken: deque[int] = deque()
-        self._credits_due = 0
-        self._credits_open = 0
-        self._taken: int | None = None
+        self._credits = Credits()
+        # The shortest time in which the robot answered on this connection.
+        self._round_trip_s = 0.0
         # What the robot's numbers lack to ours, which continue when its agent restarts.
         self._shift: int | None = 0
 
@@ -146,10 +147,7 @@ class Feed(SharedCopy[FeedKey, Viewer]):
     def join(self, viewer: Viewer) -> None:
         """Notify this viewer of what is new."""
         if not self.users:
-            # Who left did not take what the robot sent last: it says nothing of the line, and holds up no other frame.
-            self._credits_due += len(self._untaken)
-            self._untaken.clear()
-            self._taken = None
+            self._credits.forget()
         self.users.add(viewer)
         self.due.set()
 
@@ -167,13 +165,8 @@ class Feed(SharedCopy[FeedKey, Viewer]):
 
     def taken(self, sequence: int) -> None:
         """A viewer has this frame, or waits for one after it; the quickest counts."""
-        if sequence not in self._untaken:
-            return
-        self._taken = sequence
-        while self._untaken.popleft() != sequence:
-            self._credits_due += 1
-        self._credits_due += 1
-        self.due.set()
+        if self._credits.on_taken(sequence):
+            self.due.set()
 
     def request_key_frame(self) -> None:
         """Have the robot asked for a key frame; many requests are one."""
@@ -247,10 +240,8 @@ class Feed(SharedCopy[FeedKey, Viewer]):
 
     def on_connected(self) -> None:
         """There is a new connection to the robot, on which nothing is open yet."""
-        self._untaken.clear()
-        self._credits_open = 0
-        self._taken = None
-        self._credits_due = MAX_CREDITS
+        self._credits.restart()
+        self._round_trip_s = 0.0
         # The robot begins with a key frame by itself.
         self.held.break_chain()
         self.needs_key_frame = False
@@ -260,25 +251,24 @@ class Feed(SharedCopy[FeedKey, Viewer]):
 
     def credit(self) -> tuple[int, int | None] | None:
         """Take what credit is to be given now, with the robot's own number of the newest that was taken."""
-        frames, self._credits_due = self._credits_due, 0
+        pacing = [viewer for viewer in self.users if not viewer.is_recorder] or self.users
+        viewers_s = min((viewer.round_trip_s for viewer in pacing), default=0.0)
+        frames, taken = self._credits.grant(self._round_trip_s + viewers_s), self._credits.taken
         if not frames:
             return None
-        self._credits_open += frames
-        sequence = None if self._taken is None else (self._taken - (self._shift or 0)) % SEQUENCES
-        return frames, sequence
+        return frames, None if taken is None else (taken - (self._shift or 0)) % SEQUENCES
 
     def on_frame(self, data: bytes, now_s: float, clock: SenderClock) -> None:
         """A frame came, with a timestamp on the robot's clock."""
         codec, sequence, timestamp_ms = parse_frame(data)
-        if not self._credits_open:
-            raise ProtocolError("more frames came than were requested")
-        self._credits_open -= 1
+        self._credits.on_frame(now_s)
+        self._round_trip_s = clock.round_trip_s
         timestamp_s = clock.ours(now_s, timestamp_ms)
         if self._shift is None:
             last = 0 if self.newest is None else self.newest.sequence
             self._shift = (last + 1 - sequence) % SEQUENCES
         sequence = (sequence + self._shift) % SEQUENCES
-        self._untaken.append(sequence)
+        self._credits.await_taken(sequence)
         if codec not in CODECS or timestamp_s is None:
             # Nobody here can show it, or know how old it is.
             self.held.break_chain()

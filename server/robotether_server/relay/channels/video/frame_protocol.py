@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from math import inf
 from typing import Any, TypeGuard, get_args
 
 from robotether_common.codecs import CODECS, NAMES, decoded_by
@@ -95,10 +96,20 @@ class SenderClock:
 
     def __init__(self) -> None:
         self._behind_ms = WindowedMaximum(CLOCK_SYNCS_KEPT_S)
+        self._round_trip_s = inf
+
+    @property
+    def round_trip_s(self) -> float:
+        """The shortest time in which an answer came, 0 before there is any.
+
+        Never that of the last ones alone: where frames fill the line, all of those have waited behind them.
+        """
+        return 0.0 if self._round_trip_s == inf else self._round_trip_s
 
     def on_answer(self, now_s: float, t_ms: float, sender_ms: float) -> None:
         """The answer to a clock sync came."""
         self._behind_ms.add(now_s, t_ms - sender_ms)
+        self._round_trip_s = min(self._round_trip_s, max(0.0, now_s - t_ms / 1000))
 
     def ours(self, now_s: float, sender_ms: float) -> float | None:
         """Return in seconds of our clock when the sender's showed this, never later; None: not known."""

@@ -101,8 +101,9 @@ class FramesSession(ClientConnection):
         )
         self.stream_request: StreamRequest | None = None
         self._credits = 0
-        # Numbers of frames that were sent and not yet taken.
-        self._under_way: deque[int] = deque(maxlen=MAX_CREDITS)
+        # Numbers of frames that were sent and not yet taken, and when each was sent.
+        self._under_way: deque[tuple[int, float]] = deque(maxlen=MAX_CREDITS)
+        self.round_trip_s = 0.0
         self._clock_sync_ms: float | None = None
         self._sent_status: VideoStatus | None = None
         self._blocked = asyncio.Event()
@@ -193,16 +194,26 @@ class FramesSession(ClientConnection):
         self._credits = min(self._credits + frames, MAX_CREDITS)
         if sequence is None and self._under_way:
             # A client that does not say which.
-            sequence = self._under_way[min(frames, len(self._under_way)) - 1]
-        if sequence is not None and sequence in self._under_way:
-            while self._under_way.popleft() != sequence:
-                pass
+            sequence = self._under_way[min(frames, len(self._under_way)) - 1][0]
+        if sequence is not None and self._note_taken(sequence):
             if self.is_recorder and feed.has_operators:
                 # Whose line is slow must not get frames for a quicker one.
                 loop = asyncio.get_running_loop()
                 loop.call_later(RECORDER_WAITS_S, feed.taken, sequence)
             else:
                 feed.taken(sequence)
+
+    def _note_taken(self, sequence: int) -> bool:
+        """Note that the viewer has this frame and those before; return whether it was sent and not yet taken."""
+        if all(sent != sequence for sent, _ in self._under_way):
+            return False
+        while self._under_way:
+            sent, sent_s = self._under_way.popleft()
+            if sent == sequence:
+                took_s = time.monotonic() - sent_s
+                self.round_trip_s = min(self.round_trip_s or took_s, took_s)
+                break
+        return True
 
     def _push(self) -> None:
         """Write what is due, unless something still waits in this program: then it would wait, too."""
@@ -241,7 +252,7 @@ class FramesSession(ClientConnection):
         if frame is None:
             return None
         self._credits -= 1
-        self._under_way.append(frame.sequence)
+        self._under_way.append((frame.sequence, time.monotonic()))
         cursor.sent(frame)
         note_sent(self._context, self._permit, self._camera, frame)
         return frame.message

@@ -20,7 +20,7 @@ MAX_HELD = 32
 # than these before it has taken one.
 MIN_HELD = MAX_CREDITS
 # Maximum size of all held frames; a JPEG alone may be larger.
-MAX_HELD_BYTES = MIN_HELD * MAX_DEPENDENT_FRAME_BYTES
+MAX_HELD_BYTES = 2 * MAX_DEPENDENT_FRAME_BYTES
 
 
 class HeldFrames:
@@ -66,9 +66,9 @@ class HeldFrames:
         return True
 
     def _drop_oldest(self, oldest_s: float) -> None:
-        while len(self._frames) > MIN_HELD and (
-            self._frames[0].received_s < oldest_s
+        while len(self._frames) > 1 and (
+            self._bytes > MAX_HELD_BYTES
             or len(self._frames) > MAX_HELD
-            or self._bytes > MAX_HELD_BYTES
+            or (len(self._frames) > MIN_HELD and self._frames[0].received_s < oldest_s)
         ):
             self._bytes -= self._frames.popleft().size

@@ -104,6 +104,8 @@ class StreamViewer:
     """The follower of a feed for a stream."""
 
     is_recorder = False
+    # It takes a frame as soon as the system does.
+    round_trip_s = 0.0
 
     def __init__(self, permit: Permit, stream_request: StreamRequest) -> None:
         self._user_id = permit.user.id

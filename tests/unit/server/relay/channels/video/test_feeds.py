@@ -24,6 +24,7 @@ JPEG = b"\xff\xd8\xff\xd9"
 
 class Eye:
     is_recorder = may_drive = False
+    round_trip_s = 0.0
 
     def __init__(self, stream_request=None, *, user_id=1, breaks=False):
         self.stream_request = stream_request
@@ -46,7 +47,8 @@ class Eye:
 
 def clock():
     clock = SenderClock()
-    clock.on_answer(time.monotonic(), 0.0, 0.0)
+    now_s = time.monotonic()
+    clock.on_answer(now_s, now_s * 1000, now_s * 1000)
     return clock
 
 

@@ -21,6 +21,7 @@ class Watcher:
     def __init__(self, feed, codecs, now_s):
         self.stream_request = StreamRequest(codecs=decoded_by(codecs))
         self.newest = -1
+        self.round_trip_s, self.is_recorder = 0.0, False
         self._feed = feed
         self._credits = 0
         self._under_way = []
@@ -78,7 +79,7 @@ class Scene:
 
     def reconnect(self, *_):
         self.feed.on_connected()
-        self.credits = 0
+        self.credits, self._sent_codec = 0, None
         self.encoder(self.codec)
 
     def encoder(self, codec):
@@ -94,7 +95,10 @@ class Scene:
             return
         self.credits -= 1
         self._sequence += 1
-        is_key = is_true and (self.feed.needs_key_frame or not self._number)
+        # Nobody can tell that an encoder begins anew where neither codec nor connection changes.
+        is_hidden = not self._number and self.codec is self._sent_codec
+        is_key = (is_true or is_hidden) and (self.feed.needs_key_frame or not self._number)
+        self._sent_codec = self.codec
         if is_key or not self.codec.depends_on_earlier:
             self._chain, self._number, self.feed.needs_key_frame = self._chain + 1, 0, False
         now_ms = self.now_s * 1000
