@@ -3,6 +3,7 @@
 import json
 import time
 import urllib.request
+from urllib.error import HTTPError
 
 import page_holds
 import pytest
@@ -90,6 +91,9 @@ def test_a_drive_is_recorded_played_back_and_read_by_rosbags(page, stack, rhea, 
     status, data = file_of(mark, number)
     assert status == 200
     assert file_of(mark, number, "8-107") == (206, data[8:108])
+    with pytest.raises(HTTPError, match="416") as refused:
+        file_of(mark, number, f"{len(data)}-")
+    assert json.load(refused.value)["code"] == "requested_range_not_satisfiable"
     file = tmp_path / "drive.mcap"
     file.write_bytes(data)
     _expect_drive(file)

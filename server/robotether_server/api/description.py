@@ -75,6 +75,7 @@ PROBLEMS = {
         "body_too_large: over 64 KB; with the tag control request_entity_too_large: over 4 KiB",
     ),
     415: ("NotJson", "unsupported_media_type: the body was not sent as application/json"),
+    416: ("NoSuchPiece", "requested_range_not_satisfiable: the file is shorter"),
     422: ("Invalid", "field_invalid or record_refused: `detail` names the field"),
     429: (
         "TooMany",

@@ -90,6 +90,7 @@ def operation(
     tag: str = "",
     any_type: bool = False,
     texts: tuple[str, ...] = (),
+    statuses: tuple[int, ...] = (HTTPStatus.OK,),
     problems: tuple[int, ...] = (),
     without_database: Handler | None = None,
     renews_login: bool = True,
@@ -97,9 +98,9 @@ def operation(
     """Register a handler for this method of this path, under /api/v1.
 
     It gets the `caller`, unless `who` is anybody, and the names in the path. `name`: the operation's, if it is not the
-    handler's. `any_type`: the body may have any Content-Type, such as that of `curl -d`. `without_database` answers
-    in the handler's place while the database is away; it gets no `caller`, and must find out who asks by itself.
-    Without `renews_login` a login does not count as used: pages ask by themselves.
+    handler's. `any_type`: the body may have any Content-Type, such as that of `curl -d`. `statuses`: those of a
+    `Response`. `without_database` answers in the handler's place while the database is away; it gets no `caller`, and
+    must find out who asks by itself. Without `renews_login` a login does not count as used: pages ask by themselves.
     """
 
     def put(handler: H) -> H:
@@ -116,7 +117,7 @@ def operation(
             tag=tag or ("admin" if who in auth.OF_ADMINS else ""),
             body=types.get("body"),
             query=types.get("query"),
-            answers=dict(_answers(types["return"])) or {HTTPStatus.OK: None},
+            answers=dict(_answers(types["return"])) or dict.fromkeys(statuses),
             texts=texts,
             problems=problems,
         )

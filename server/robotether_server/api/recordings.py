@@ -95,7 +95,8 @@ def delete_recording(caller: Caller, recording_id: int) -> None:
     "user",
     tag="robots",
     texts=(FILE_TYPE,),
-    problems=(404, 409),
+    statuses=(200, 206),
+    problems=(404, 409, 416),
 )
 def get_recording_file(caller: Caller, recording_id: int) -> Response:
     """Get the file of a recording, MCAP; pieces of it by the header Range.
