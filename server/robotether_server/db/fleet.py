@@ -323,7 +323,7 @@ def _chain_key(entry: Entry) -> tuple[bool, str]:
         case AuditEntry():
             return True, entry.robot or ""
         case RouteEnd():
-            return True, entry.target
+            return True, routes.audited_robot(entry.source, entry.target)
     return False, ""
 
 
