@@ -48,7 +48,8 @@ class Connections:
         if connection.is_recorder:
             return None
         count, caps = self._of_user[_counted_as(connection)], self.caps
-        if count >= caps.per_user:
+        # A user's routes have a limit of their own, where they are made.
+        if count >= caps.per_user and not connection.is_route:
             return f"you already have {count} connections open; close one first"
         members = self._registry.robot(connection.robot.id).connections
         there = sum(member.use == connection.use and not member.is_recorder for member in members)

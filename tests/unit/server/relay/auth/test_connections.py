@@ -83,6 +83,9 @@ def test_users_and_robots_have_room_for_so_many(live, sim1, sim2):
     assert "you already have 2 connections" in (live.connections.no_room(first) or "")
     assert live.connections.no_room(replace(first, use="video")) is None
     assert live.connections.no_room(replace(first, user_id=2)) is None
+    route = replace(first, is_route=True)
+    with live.connections.joined(route), live.connections.joined(replace(route, robot=sim2)):
+        assert live.connections.no_room(route) is None
     live.leave()
     assert live.connections.no_room(first) is None
     live.connections.caps = Caps(per_user=9, per_robot=2)
