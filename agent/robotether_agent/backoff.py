@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Awaitable, Callable, Iterator
 from random import Random
 
+from robotether_agent.files import MACHINE_FAULTS
 from robotether_agent.problems import (
     AgentError,
     NetworkChangedError,
@@ -175,7 +176,8 @@ async def keep_going(
         uptime = Uptime()
         try:
             await attempt(uptime)
-        except AgentError as problem:
+        except (AgentError, OSError) as error:
+            problem = _problem_of(error)
             if uptime.uptime_s:
                 repeats.forget()
             wait_s = backoff.after(problem, uptime_s=uptime.uptime_s, was_used=uptime.was_used)
@@ -184,3 +186,14 @@ async def keep_going(
             on_problem(problem)
             repeats.log_problem(what, problem, wait_s)
             await pause(wait_s)
+
+
+def _problem_of(error: AgentError | OSError) -> AgentError:
+    """Return what ended an attempt; raise what is no passing fault of this machine, but a defect."""
+    if isinstance(error, AgentError):
+        return error
+    fault = MACHINE_FAULTS.get(error.errno or 0)
+    if fault is None:
+        raise error
+    why, advice = fault
+    return AgentError(f"cannot go on: {why}", advice=advice)

@@ -84,11 +84,16 @@ class GuardProcess:
 
     @classmethod
     async def start(cls, server: ForkServer) -> GuardProcess:
-        """Have a guard forked, or raise GuardDownError; whether it works shows when it says so."""
-        stdin, to_guard = os.pipe()
-        from_guard, stdout = os.pipe()
-        with os.fdopen(stdin), os.fdopen(stdout, "wb"), ExitStack() as unless_started:
+        """Have a guard forked; whether it works shows when it says so.
+
+        Raises GuardDownError, or OSError where the agent has no pipes for one.
+        """
+        with ExitStack() as guards, ExitStack() as unless_started:
+            stdin, to_guard = os.pipe()
+            guards.enter_context(os.fdopen(stdin))
             writes = unless_started.enter_context(os.fdopen(to_guard, "wb", 0))
+            from_guard, stdout = os.pipe()
+            guards.enter_context(os.fdopen(stdout, "wb"))
             reads = unless_started.enter_context(os.fdopen(from_guard, "rb", 0))
             pid = await server.guard(stdin, stdout)
             unless_started.pop_all()

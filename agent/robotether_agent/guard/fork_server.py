@@ -22,7 +22,7 @@ import subprocess
 import sys
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import NoReturn
@@ -152,18 +152,20 @@ class ForkServer:
     @classmethod
     def start(cls, command: Sequence[str]) -> ForkServer:
         """Start a server as a program with the socket as its standard input; raises GuardDownError without it."""
-        ours, theirs = _socket_pair()
-        try:
-            with theirs:
-                process = subprocess.Popen(  # noqa: S603 - the agent's own program, no shell
-                    command,
-                    stdin=theirs.fileno(),
-                    env=program_environment(os.environ),
-                    start_new_session=True,
-                )
-        except OSError as error:
-            ours.close()
-            raise GuardDownError(f"cannot start the guard: {error.strerror}") from error
+        with ExitStack() as unless_started:
+            try:
+                ours, theirs = _socket_pair()
+                unless_started.callback(ours.close)
+                with theirs:
+                    process = subprocess.Popen(  # noqa: S603 - the agent's own program, no shell
+                        command,
+                        stdin=theirs.fileno(),
+                        env=program_environment(os.environ),
+                        start_new_session=True,
+                    )
+            except OSError as error:
+                raise GuardDownError(f"cannot start the guard: {error.strerror}") from error
+            unless_started.pop_all()
         return cls(ours, process.pid, process.wait, start_s=START_S)
 
     async def guard(self, stdin: int, stdout: int) -> int:

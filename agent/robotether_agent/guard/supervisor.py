@@ -169,7 +169,11 @@ class GuardSupervisor:
             )
 
     async def _run_one(self) -> NoReturn:
-        guard = await self._start_guard()
+        try:
+            guard = await self._start_guard()
+        except OSError as error:
+            # The fork server is not to blame, and stays.
+            raise GuardDownError(f"cannot start the guard: {error.strerror}") from error
         log.debug("guard %d takes over", guard.pid)
         try:
             self._guard = guard

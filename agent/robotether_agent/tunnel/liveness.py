@@ -65,12 +65,12 @@ def path_of(connection: socket.socket) -> Path:
     """Return what became of the path of a connection that is or was up."""
     try:
         here, there = connection.getsockname(), connection.getpeername()
+        if not _is_ours(connection.family, here):
+            return Path.GONE
+        now = _source_towards(connection.family, there)
     except OSError:
-        # It ended by itself, which shows elsewhere.
+        # It ended by itself, which shows elsewhere, or there is no file descriptor to ask with.
         return Path.SAME
-    if not _is_ours(connection.family, here):
-        return Path.GONE
-    now = _source_towards(connection.family, there)
     return Path.SAME if now in {None, here[0]} or _is_renewed(here[0], now) else Path.MOVED
 
 

@@ -1,5 +1,6 @@
 """When a connection is tried again."""
 
+import errno
 from random import Random
 
 import pytest
@@ -10,6 +11,7 @@ from robotether_agent.backoff import (
     Backoff,
     before_restart,
     delays,
+    keep_going,
     retry_or_give_up,
 )
 from robotether_agent.problems import (
@@ -89,3 +91,20 @@ def test_agent_that_fails_at_its_start_pauses_and_one_that_ran_does_not():
     assert low <= before_restart(0.1, Random()) <= high
     assert before_restart(STABLE_S - 0.1, Longest()) == high
     assert before_restart(STABLE_S, Longest()) == 0
+
+
+async def test_a_machine_without_file_descriptors_ends_an_attempt_and_no_agent():
+    ends = iter([OSError(errno.EMFILE, "Too many open files"), OSError(errno.EBADF, "a defect")])
+    problems = []
+
+    async def attempt(_):
+        raise next(ends)
+
+    async def pause(_):
+        pass
+
+    with pytest.raises(OSError, match="a defect"):
+        await keep_going("session", attempt, Backoff(Random(1)), problems.append, pause)
+    assert [problem.message for problem in problems] == [
+        "cannot go on: this program has too many files and connections open"
+    ]

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import resource
 import signal
 from contextlib import suppress
 from pathlib import Path
@@ -277,6 +278,24 @@ async def test_a_fork_server_that_fails_is_replaced(keep, place, monkeypatch, ha
     assert births(place)[1]["frozen"]
     await running.stop()
     assert not any(is_alive(pid) for pid in (second, births(place)[1]["pid"]))
+
+
+async def test_a_guard_is_followed_once_there_are_file_descriptors(keep, place):
+    running = keep("serves")
+    await running.ready()
+    (first,) = births(place)
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
+    try:
+        os.kill(first["pid"], signal.SIGKILL)
+        await eventually(
+            lambda: "Too many open files" in running.supervisor.view.detail,
+            lambda: f"{running.supervisor.view}",
+        )
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    await running.ready(2)
+    assert births(place)[1]["parent"] == first["parent"]
 
 
 @pytest.mark.parametrize("harm", [signal.SIGKILL, signal.SIGSTOP])
