@@ -129,11 +129,15 @@ class RelayUser:
 
 @dataclass(frozen=True)
 class RelayRequest:
-    """An open request as the relay sees it: `user` has its robot reserved for `left_s`; None: nobody has."""
+    """An open request as the relay sees it: `user` has its robot reserved for `left_s`; None: nobody has.
+
+    `waited_s`: since it was made, or let go by who had accepted it.
+    """
 
     robot_id: int
     state: str
     age_s: float
+    waited_s: float
     user: RelayUser | None
     left_s: float | None
 
@@ -287,7 +291,7 @@ def ask_for_help(
 def read_requests(tx: Transaction) -> list[RelayRequest]:
     """Read the open requests for help, without those of disabled robots, which are offered to nobody."""
     rows = tx.rows(
-        "SELECT robot_id, h.state, age_s, user_id, user_name, left_s FROM relay_requests h"
+        "SELECT robot_id, h.state, age_s, waited_s, user_id, user_name, left_s FROM relay_requests h"
         " JOIN relay_robots r ON r.id = robot_id AND r.state = 'active'"
     )
     return [
@@ -295,6 +299,7 @@ def read_requests(tx: Transaction) -> list[RelayRequest]:
             robot_id=row["robot_id"],
             state=row["state"],
             age_s=row["age_s"],
+            waited_s=row["waited_s"],
             user=None if row["user_id"] is None else RelayUser(row["user_id"], row["user_name"]),
             left_s=row["left_s"],
         )

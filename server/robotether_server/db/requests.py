@@ -57,11 +57,16 @@ def _by_period(at: str, facts: str, end: str) -> str:
     )
 
 
+# Of one that was accepted last: after it was made, or let go by whom had it before.
+WAITED_S = "TIMESTAMPDIFF(MICROSECOND, COALESCE(h.waits_since, h.created_at), h.accepted_at) / 1e6"
+# A request that somebody has accepted waits from now on.
+WAITS_SINCE = "waits_since = IF(state = 'accepted', CURRENT_TIMESTAMP(6), waits_since)"
+
+
 def _quantile(share: float) -> str:
-    waited_s = "TIMESTAMPDIFF(MICROSECOND, h.created_at, h.accepted_at) / 1e6"
     number = "UNIX_TIMESTAMP(h.accepted_at) DIV %(length_s)s"
     return (
-        f"PERCENTILE_DISC({share}) WITHIN GROUP (ORDER BY {waited_s}) OVER (PARTITION BY {number})"
+        f"PERCENTILE_DISC({share}) WITHIN GROUP (ORDER BY {WAITED_S}) OVER (PARTITION BY {number})"
     )
 
 
@@ -282,8 +287,8 @@ def read_passes(tx: Transaction, request_ids: Collection[int]) -> dict[int, dict
 def offer(tx: Transaction, request_id: int, user_id: int, for_s: float) -> None:
     """Offer a request to a user, in place of whoever had it."""
     tx.change(
-        "UPDATE help_requests SET state = 'offered', offered_to = %s, accepted_by = NULL, accepted_at = NULL, "
-        "offer_until = CURRENT_TIMESTAMP(6) + INTERVAL %s MICROSECOND WHERE id = %s",
+        f"UPDATE help_requests SET {WAITS_SINCE}, state = 'offered', offered_to = %s, accepted_by = NULL, "  # noqa: S608 - as above
+        "accepted_at = NULL, offer_until = CURRENT_TIMESTAMP(6) + INTERVAL %s MICROSECOND WHERE id = %s",
         (user_id, int(for_s * 1e6), request_id),
     )
 
@@ -304,7 +309,7 @@ def accept(tx: Transaction, request_id: int, user_id: int) -> bool:
 def wait_again(tx: Transaction, request_id: int, passed_by: int | None = None) -> None:
     """Take a request from whoever had it; `passed_by` is the user who passed it."""
     tx.change(
-        "UPDATE help_requests SET state = 'waiting', offered_to = NULL, offer_until = NULL, "
+        f"UPDATE help_requests SET {WAITS_SINCE}, state = 'waiting', offered_to = NULL, offer_until = NULL, "  # noqa: S608 - as above
         "accepted_by = NULL, accepted_at = NULL WHERE id = %s",
         (request_id,),
     )
@@ -333,7 +338,7 @@ def end(
 def read_waits(tx: Transaction, viewer_id: int, hours: int) -> list[float]:
     """Return for how many seconds each request waited that was accepted in the last hours, in order."""
     rows = tx.rows(
-        "SELECT TIMESTAMPDIFF(MICROSECOND, h.created_at, h.accepted_at) / 1e6 AS waited_s FROM help_requests h "
+        f"SELECT {WAITED_S} AS waited_s FROM help_requests h "  # noqa: S608 - as above
         "JOIN (SELECT robot_id FROM relay_grants WHERE user_id = %s) g ON g.robot_id = h.robot_id "
         "WHERE h.accepted_at > CURRENT_TIMESTAMP(6) - INTERVAL %s HOUR ORDER BY waited_s",
         (viewer_id, hours),

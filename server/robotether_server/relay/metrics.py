@@ -290,7 +290,7 @@ def read_help_requests(
     )
     longest = GaugeMetricFamily(
         "robotether_relay_help_request_waiting_age_seconds",
-        "Age of the oldest request for help that waits now, offered or not, since it was made",
+        "Longest time that a request waits now, offered or not, since it was made or let go again",
     )
     # What is not known has no value, nor has the age of none.
     if (requests := read()) is not None:
@@ -299,7 +299,7 @@ def read_help_requests(
             count.add_metric([state], counts[state])
         if requests:
             oldest.add_metric([], max(request.age_s for request in requests))
-        if waits := [request.age_s for request in requests if request.state != "accepted"]:
+        if waits := [request.waited_s for request in requests if request.state != "accepted"]:
             longest.add_metric([], max(waits))
     yield from (count, oldest, longest)
 

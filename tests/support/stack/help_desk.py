@@ -27,7 +27,7 @@ from robotether_server.services.operators import Choice, QueueView
 from robotether_server.times import utc_now
 
 CLOCKS = {
-    "help_requests": ("created_at", "offer_until", "accepted_at", "closed_at"),
+    "help_requests": ("created_at", "offer_until", "accepted_at", "closed_at", "waits_since"),
     "help_request_passes": ("passed_at",),
     "operators": ("last_seen_at", "idle_since", "wrap_up_until"),
     "planner": ("planned_at",),

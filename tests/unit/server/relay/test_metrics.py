@@ -89,8 +89,8 @@ def test_disks_are_named_and_absent_where_they_are_unknown(metrics, tmp_path):
 
 
 def test_requests_for_help_are_counted_and_absent_where_they_are_unknown(metrics):
-    states = (("waiting", 4.0), ("offered", 30.0), ("accepted", 90.0))
-    requests = [RelayRequest(7, state, age_s, None, None) for state, age_s in states]
+    states = (("waiting", 40.0), ("offered", 30.0), ("accepted", 90.0))
+    requests = [RelayRequest(7, state, age_s, age_s - 20, None, None) for state, age_s in states]
     answers = iter([requests, [], None])
     metrics.collect(partial(read_help_requests, lambda: next(answers)))
 
@@ -103,7 +103,7 @@ def test_requests_for_help_are_counted_and_absent_where_they_are_unknown(metrics
         f'{prefix}{{state="offered"}} 1.0',
         f'{prefix}{{state="accepted"}} 1.0',
         "robotether_relay_help_request_age_seconds 90.0",
-        "robotether_relay_help_request_waiting_age_seconds 30.0",
+        "robotether_relay_help_request_waiting_age_seconds 20.0",
     ]
     assert len(samples()) == 3
     assert samples() == []

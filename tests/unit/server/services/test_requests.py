@@ -5,7 +5,7 @@ from datetime import timedelta
 import pytest
 from granted import give, take
 from help_desk import HelpDesk
-from robotether_server.db import migrate, users
+from robotether_server.db import fleet, migrate, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
     GrantMissingError,
@@ -145,6 +145,33 @@ def test_what_managers_may_do_drivers_may_not(desk, action, values):
         assert desk.poll("ann").state == "wrap_up"
         with pytest.raises(NotPossibleError):
             desk.act(action, "mona", request_id, *values)
+
+
+@pytest.mark.parametrize("is_reassigned", [True, False])
+def test_a_request_that_was_accepted_waits_anew(desk, is_reassigned):
+    """An alert must not come at once, and the figures count no hours in which somebody helped."""
+    request_id = desk.ask()
+    desk.poll("ann")
+    desk.act("accept", "ann", request_id)
+    desk.pass_time(3600)
+    desk.poll("ben")
+    if is_reassigned:
+        desk.act("assign", "mona", request_id, "ben")
+    else:
+        with desk.transaction() as tx:
+            take(tx, desk.users["ann"], desk.robots["sim1"])
+        desk.pass_time(1)
+        desk.poll("ben")
+    desk.pass_time(10)
+    desk.poll("ben")
+    with desk.relay_database.transaction() as tx:
+        [waiting] = fleet.read_requests(tx)
+    assert 10 <= waiting.waited_s < 20
+    assert waiting.age_s > 3600
+    desk.act("accept", "ben", request_id)
+    with desk.transaction() as tx:
+        figures = requests.read_figures(tx, users.get(tx, "mona"), 24)
+    assert 10 <= figures.waiting_p95_s < 20
 
 
 def test_figures_over_time_are_of_what_the_user_may_see(desk, admin_database):

@@ -52,7 +52,7 @@ async def test_each_step_of_a_request_for_help_is_an_event(relay, memory_databas
         await relay.relay.fleet.poll()
         return [(name, robot.help) for name, robot in subscriber.pop_events()]
 
-    waiting = RelayRequest(7, "waiting", 1.0, None, None)
+    waiting = RelayRequest(7, "waiting", 1.0, 1.0, None, None)
     for state in ("waiting", "accepted"):
         memory_database.requests = [replace(waiting, state=state), waiting]
         assert await next_events() == [("robot", state)]

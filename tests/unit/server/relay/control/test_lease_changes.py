@@ -81,8 +81,8 @@ def bare(sim1, memory_database):
 async def test_a_lease_is_kept_for_who_is_to_help_with_the_right_to_drive(bare, sim1):
     """Watchers are notified when that begins and ends, and not at each poll."""
     requests = [
-        RelayRequest(sim1.id, "waiting", 9.0, None, None),
-        RelayRequest(sim1.id, "offered", 5.0, BEN, 20.0),
+        RelayRequest(sim1.id, "waiting", 9.0, 9.0, None, None),
+        RelayRequest(sim1.id, "offered", 5.0, 5.0, BEN, 20.0),
     ]
     bare.leasing.reserve(requests, lambda user_id, _robot_id: user_id != BEN.id)
     # Of a database whose clock was set back.
