@@ -158,7 +158,7 @@ def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings, *, is_prove
     robots.remove_old_claims(tx, too_old)
     presented = request.presented
     check_not_rejected(tx, presented.key)
-    robot = robots.find_by_mac(tx, presented.mac)
+    robot = _robot_of(tx, request)
     if robot is not None:
         is_known = robot.fingerprint == presented.key.fingerprint
         _check_not_disabled(robot, presented, is_known=is_known)
@@ -270,12 +270,26 @@ def _check_not_disabled(robot: RobotRow, presented: PresentedKey, *, is_known: b
     )
 
 
+def _robot_of(tx: Transaction, request: JoinAttempt) -> RobotRow | None:
+    """Return the robot of the MAC, or of the key where the machine has lost that MAC.
+
+    An admin may have given the robot its new network card's, or the old card to another robot, which nobody told it.
+    """
+    by_mac = robots.find_by_mac(tx, request.presented.mac)
+    if request.mac_present:
+        return by_mac
+    by_key = robots.find_by_key(tx, request.presented.key.fingerprint)
+    if by_key is None and request.previous is not None:
+        by_key = robots.find_by_key(tx, request.previous.fingerprint)
+    return by_key if by_key is not None and by_key.state == "active" else by_mac
+
+
 def _check_moved(tx: Transaction, request: JoinAttempt, robot: RobotRow) -> None:
     """Note that a robot lost its MAC, or raise MacElsewhereError: it is at work, so who asks is its copy."""
     if seen_robots.is_online(tx, robot.id):
         raise MacElsewhereError(
-            f"cannot join with MAC {robot.mac}: this machine does not have it, and its robot is online; this is a "
-            "copy of that robot's disk, and must join with its own MAC and a new key"
+            f"cannot join with MAC {request.presented.mac}: this machine does not have it, and its robot is online; "
+            "this is a copy of that robot's disk, and must join with its own MAC and a new key"
         )
     last = audit.find(tx, audit.AuditSearch(robot.name, kind="mac_changed"), limit=1)
     if last and last[0].at > tx.now() - MAC_CHANGED_EVERY:

@@ -350,6 +350,20 @@ def test_robot_that_lost_its_mac_stays_itself(site, admin_database):
     assert site.ask().code == "active"
 
 
+def test_robot_with_a_new_network_card_is_found_by_its_key(rotating_site):
+    """It goes on with the card's MAC in its row, and after the old card went to another robot."""
+    with rotating_site.database.transaction() as tx:
+        robot_service.set_mac(tx, ADMIN, "sim1", OTHER_MAC)
+    with pytest.raises(KeyInUseError):
+        rotating_site.ask(key=OLD.key)
+    assert rotating_site.ask(key=OLD.key, mac_present=False).robot == "sim1"
+    assert rotating_site.ask(key=OTHER_KEY).code == "approval_pending"
+    for key_, previous in ((OLD.key, None), (KEY, signed()), (KEY, signed())):
+        asked = rotating_site.ask(key=key_, previous=previous, mac_present=False)
+        assert (asked.robot, asked.code) == ("sim1", "active")
+    assert (rotating_site.robot("sim1").key, rotating_site.robot("sim1").mac) == (KEY, OTHER_MAC)
+
+
 OLD = RobotSigner()
 
 
