@@ -12,6 +12,7 @@ import logging
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
+from math import ceil
 from operator import attrgetter
 from typing import NamedTuple, Protocol
 
@@ -19,6 +20,7 @@ from robotether_common.codecs import CODECS, H264, JPEG, NAMES
 from robotether_common.frames import (
     ENCODER_STARTS,
     HEADER,
+    LATENCIES_MS,
     SEQUENCES,
     StreamRequest,
     VideoStatus,
@@ -48,6 +50,9 @@ MAX_LINGERING = 2
 FRESH_S = 1.0
 # Maximum rate of JPEGs beside H.264 of the same camera, in frames a second.
 YIELDING_FPS = 5.0
+# Part of the requested latency that the way may take by itself, which no smaller frame shortens, and the steps in which
+# more is added to it.
+WAY_PART, WAY_STEP_MS = 1 / 3, 50
 
 
 @dataclass
@@ -236,7 +241,15 @@ class Feed(SharedCopy[FeedKey, Viewer]):
         leading = _requests_of(each for each in operators if each.may_drive or not is_driven)
         # Viewers that do not decode H.264 are here while the robot has no encoder.
         choosing = [each for each in requests if H264.name in each.codecs] or requests
-        return replace(reduce(combined, leading), codecs=reduce(combined, choosing).codecs)
+        request, codecs = reduce(combined, leading), reduce(combined, choosing).codecs
+        return replace(
+            request, codecs=codecs, latency_ms=reached_latency_ms(request.latency_ms, self._way_s())
+        )
+
+    def _way_s(self) -> float:
+        """Return the shortest time to the robot and back, and to the viewer that sets the pace and back."""
+        pacing = [viewer for viewer in self.users if not viewer.is_recorder] or self.users
+        return self._round_trip_s + min((viewer.round_trip_s for viewer in pacing), default=0.0)
 
     def on_connected(self) -> None:
         """There is a new connection to the robot, on which nothing is open yet."""
@@ -251,9 +264,7 @@ class Feed(SharedCopy[FeedKey, Viewer]):
 
     def credit(self) -> tuple[int, int | None] | None:
         """Take what credit is to be given now, with the robot's own number of the newest that was taken."""
-        pacing = [viewer for viewer in self.users if not viewer.is_recorder] or self.users
-        viewers_s = min((viewer.round_trip_s for viewer in pacing), default=0.0)
-        frames, taken = self._credits.grant(self._round_trip_s + viewers_s), self._credits.taken
+        frames, taken = self._credits.grant(self._way_s()), self._credits.taken
         if not frames:
             return None
         return frames, None if taken is None else (taken - (self._shift or 0)) % SEQUENCES
@@ -313,6 +324,13 @@ class Feed(SharedCopy[FeedKey, Viewer]):
             # One viewer's defect must not cost the others their frames.
             log.exception("robot %s: a viewer failed", self.robot.name)
             viewer.end(close_reasons.relay_failed())
+
+
+def reached_latency_ms(requested_ms: float, way_s: float) -> float:
+    """Return the latency to ask for, given the shortest time for a frame and its confirmation."""
+    over_ms = way_s * 1000 - WAY_PART * requested_ms
+    steps = max(0, ceil(over_ms / WAY_STEP_MS))
+    return min(LATENCIES_MS[1], requested_ms + steps * WAY_STEP_MS)
 
 
 def _requests_of(viewers: Iterable[Viewer]) -> list[StreamRequest]:

@@ -88,6 +88,15 @@ async def test_what_nobody_took_before_they_left_is_given_back(feed):
     assert feed.credit() == (2, None)
 
 
+@pytest.mark.parametrize(("round_trip_s", "latency_ms"), [(0.09, 300), (0.29, 500), (60, 5000)])
+async def test_a_long_way_is_not_taken_for_a_full_line(feed, round_trip_s, latency_ms):
+    """Who drives from the other side of the world would have the least quality all the time."""
+    eye = Eye(StreamRequest())
+    feed.join(eye)
+    eye.round_trip_s = round_trip_s
+    assert feed.stream_request().latency_ms == latency_ms
+
+
 async def test_one_viewers_defect_is_its_own(feed, caplog):
     broken, sound = Eye(breaks=True), Eye()
     feed.join(broken)
