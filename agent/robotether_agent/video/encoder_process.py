@@ -20,7 +20,7 @@ from robotether_common.codecs import H264, VP8, Codec
 from robotether_common.frames import MAX_DEPENDENT_FRAME_BYTES, MAX_SIDE
 
 from robotether_agent.video.av_messages import LENGTH, framed
-from robotether_agent.video.av_program import private_output, step_back
+from robotether_agent.video.av_program import LOW_DELAY_FLAG, private_output, step_back
 from robotether_agent.video.encoder_messages import (
     MAX_REQUEST_BYTES,
     PRESETS,
@@ -47,6 +47,10 @@ VP8_KEY_PERCENT = 300
 SPS = 7
 # BT.601 in limited range, as decoders expect it of video and as JPEG's own matrix is.
 BT601, LIMITED, FULL = 6, 1, 2
+# Darkest and brightest value of a trial's picture, and the maximum difference of a sample once it was encoded.
+DARK, BRIGHT, MAX_DIFFERENCE = 16, 235, 64
+# Number of samples of a trial's picture in each direction, and the minimum of its bits a pixel: with few all look bad.
+SAMPLES, TRIAL_BITS = 16, 0.05
 
 
 @dataclass(frozen=True)
@@ -208,19 +212,21 @@ class FrameTranscoder:
     def __init__(self) -> None:
         self._decoder: Any = None
         self._encoder: OpenEncoder | None = None
-        # Whether hardware passed its trial, which costs three frames; it stays the same as long as this process runs.
-        self._is_fit: dict[str, bool] = {}
+        # Whether hardware passed its trial in a size, which costs three frames, and has failed at no frame since.
+        self._is_fit: dict[tuple[str, int, int], bool] = {}
 
     def encode(self, request: EncodeRequest) -> EncodedFrame:
         """Return the request's frame; FrameRefusedError says why there is none."""
         began_s = time.perf_counter()
         frame = self._decoded(request.jpeg)
         try:
-            encoder = self._encoder_for(request, frame)
+            encoder = self._encoder_for(request)
             data, is_key = encoder.encode(frame, request)
         except (FrameRefusedError, av.FFmpegError, MemoryError, ValueError) as error:
-            # What it may have encoded nobody gets: the next frame begins a new sequence.
-            self._encoder = None
+            # What it may have encoded nobody gets: the next frame begins a new sequence, of software.
+            if self._encoder is not None:
+                self._is_fit[_trial_of(self._encoder.kind, request)] = False
+                self._encoder = None
             raise FrameRefusedError(f"the encoder failed: {reason_of(error)}") from error
         return EncodedFrame(data, is_key, encoder.kind.name, time.perf_counter() - began_s)
 
@@ -238,33 +244,76 @@ class FrameTranscoder:
             ) from error
         return frame
 
-    def _encoder_for(self, request: EncodeRequest, frame: Any) -> OpenEncoder:
+    def _encoder_for(self, request: EncodeRequest) -> OpenEncoder:
         if self._encoder is None or not self._encoder.fits(request):
             # The one before ends first, which frees its memory.
             self._encoder = None
-            self._encoder = self._opened(request, frame)
+            self._encoder = self._opened(request)
         return self._encoder
 
-    def _opened(self, request: EncodeRequest, frame: Any) -> OpenEncoder:
+    def _opened(self, request: EncodeRequest) -> OpenEncoder:
         *hardware, software = (kind for kind in ENCODERS if kind.codec is request.codec)
         for kind in hardware if request.allows_hardware else ():
-            if self._is_fit.get(kind.name, True):
+            trial = _trial_of(kind, request)
+            if self._is_fit.get(trial, True):
                 with suppress(av.FFmpegError, FrameRefusedError, ValueError, MemoryError):
-                    if kind.name not in self._is_fit:
-                        check_hardware(OpenEncoder(kind, request), frame, request)
+                    if trial not in self._is_fit:
+                        check_hardware(kind, request)
                     encoder = OpenEncoder(kind, request)
-                    self._is_fit[kind.name] = True
+                    self._is_fit[trial] = True
                     return encoder
-                self._is_fit[kind.name] = False
+                self._is_fit[trial] = False
         return OpenEncoder(software, request)
 
 
-def check_hardware(encoder: OpenEncoder, frame: Any, request: EncodeRequest) -> None:
-    """Raise what speaks against an encoder: each frame must come out at once, and a key frame by request."""
+def _trial_of(kind: EncoderKind, request: EncodeRequest) -> tuple[str, int, int]:
+    """Return what hardware is tried for: drivers pad the rows of some widths, which FFmpeg does not look at."""
+    return kind.name, request.width, request.height
+
+
+def check_hardware(kind: EncoderKind, request: EncodeRequest) -> None:
+    """Raise what speaks against an encoder.
+
+    Each frame must come out at once and show what went in, and a key frame must come by request.
+    """
+    decoder: Any = av.CodecContext.create(request.codec.name, "r")
+    decoder.thread_count = 1
+    decoder.flags |= LOW_DELAY_FLAG
+    bits_per_s = TRIAL_BITS * request.width * request.height * request.fps
+    request = replace(request, bits_per_s=max(bits_per_s, request.bits_per_s))
+    encoder, frame = OpenEncoder(kind, request), _trial_frame(request.width, request.height)
+    expected = _samples(frame)
     for requests_key in (True, False, True):
         data, is_key = encoder.encode(frame, replace(request, requests_key=requests_key))
         if is_key != requests_key or (is_key and SPS not in nal_types(data)):
-            raise FrameRefusedError(f"{encoder.kind.name} makes key frames of its own kind")
+            raise FrameRefusedError(f"{kind.name} makes key frames of its own kind")
+        (decoded,) = decoder.decode(av.Packet(data))
+        difference = max(abs(a - b) for a, b in zip(expected, _samples(decoded), strict=True))
+        if difference > MAX_DIFFERENCE:
+            raise FrameRefusedError(f"{kind.name} makes another picture")
+
+
+def _trial_frame(width: int, height: int) -> Any:
+    """Return a picture in which rows of another length or place look different."""
+    frame: Any = av.VideoFrame(width, height, "yuv420p")
+    frame.color_range = LIMITED
+    for number, plane in enumerate(frame.planes):
+        row = bytes(DARK + (BRIGHT - DARK) * at // plane.width for at in range(plane.width))
+        row = row[::-1] if number else row
+        plane.update(row.ljust(plane.line_size, b"\0") * (plane.buffer_size // plane.line_size))
+    return frame
+
+
+def _samples(frame: Any) -> list[int]:
+    """Return values of each plane, from its first row and column to its last."""
+    samples = []
+    for plane in frame.planes:
+        data, parts = bytes(plane), range(SAMPLES + 1)
+        rows, columns = (
+            [(side - 1) * part // SAMPLES for part in parts] for side in (plane.height, plane.width)
+        )
+        samples += [data[row * plane.line_size + column] for row in rows for column in columns]
+    return samples
 
 
 def nal_types(data: bytes) -> set[int]:

@@ -184,7 +184,7 @@ async def test_a_broken_process_is_an_error_with_its_reason(
         await encoder.encode(NOTHING)
 
 
-def test_hardware_is_tried_once(monkeypatch):
+def test_hardware_is_tried_once_in_each_size_and_left_after_a_failure(monkeypatch):
     trials, check = [], encoder_process.check_hardware
     nvenc, software = (
         next(kind for kind in encoder_process.ENCODERS if kind.name == name)
@@ -195,13 +195,44 @@ def test_hardware_is_tried_once(monkeypatch):
     monkeypatch.setattr(
         encoder_process,
         "check_hardware",
-        lambda encoder, *trial: trials.append(encoder.kind) or check(encoder, *trial),
+        lambda kind, request: trials.append((kind, request.width)) or check(kind, request),
     )
     transcoder = encoder_process.FrameTranscoder()
     request = replace(NOTHING, jpeg=jpeg_of(next(clip(1, step=0))), allows_hardware=True)
     for width in (320, 160, 320):
         assert transcoder.encode(replace(request, width=width)).is_key
-    assert trials == [nvenc, answers]
+    assert trials == [(kind, width) for width in (320, 160) for kind in (nvenc, answers)]
+    with monkeypatch.context() as narrow:
+        narrow.setattr(encoder_process, "MAX_DEPENDENT_FRAME_BYTES", 0)
+        with pytest.raises(FrameRefusedError, match="made a frame of"):
+            transcoder.encode(request)
+    assert transcoder.encode(request).is_key
+    assert transcoder._encoder.kind is software
+
+
+@pytest.mark.parametrize(("shift", "chroma"), [(2, True), (0, False)])
+def test_hardware_that_makes_another_picture_is_refused(monkeypatch, shift, chroma):
+    """As FFmpeg's V4L2 encoder does where the driver pads rows, or has a buffer for each plane."""
+
+    def broken(encoder, frame, request):
+        seen = av.VideoFrame(frame.width, frame.height, "yuv420p")
+        for number, (plane, to) in enumerate(zip(frame.planes, seen.planes, strict=True)):
+            rows = bytes(plane)[: plane.line_size * plane.height]
+            moved = b"".join(
+                rows[at : at + plane.line_size + shift]
+                for at in range(0, len(rows), plane.line_size)
+            )
+            data = moved[: len(rows)] if chroma or not number else b""
+            to.update(data.ljust(to.buffer_size, b"\0"))
+        return encode(encoder, seen, request)
+
+    encode = encoder_process.OpenEncoder.encode
+    request = replace(NOTHING, width=480)
+    [software] = (kind for kind in encoder_process.ENCODERS if kind.name == "libx264")
+    encoder_process.check_hardware(software, request)
+    monkeypatch.setattr(encoder_process.OpenEncoder, "encode", broken)
+    with pytest.raises(FrameRefusedError, match="makes another picture"):
+        encoder_process.check_hardware(software, request)
 
 
 BROKEN_DRIVER = """
