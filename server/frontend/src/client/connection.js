@@ -7,6 +7,7 @@ import { TicketRefused, backoff } from "./api.js";
 
 /** @typedef {import("./rosbridge.js").Link} Link */
 
+const TICKET_MS = 10_000; // time limit for a ticket, over that of the API; a page's own function may have none
 const OPEN_MS = 5000; // time limit for the WebSocket to open
 const ANSWER_MS = 8000; // time limit for the robot's first answer, over the 5 s of rosbridge for a service
 const SILENCE_MS = 6000; // time limit for silence of the robot
@@ -159,6 +160,7 @@ export class Connection {
     clearTimeout(this.timer);
     this.connecting = true;
     const attempt = ++this.attempt;
+    this.timer = setTimeout(() => this.settle(NOT_OPENED), TICKET_MS);
     try {
       const url = await this.requestTicket();
       if (attempt === this.attempt) this.open(url);
@@ -170,6 +172,7 @@ export class Connection {
 
   open(url) {
     const attempt = this.attempt;
+    clearTimeout(this.timer);
     const current = (act) => (value) => attempt === this.attempt && act(value);
     this.link = this.openLink(url, {
       onOpen: current(() => this.confirm()),

@@ -70,6 +70,13 @@ async function seconds(count, act = () => {}) {
 const answered = () => newest().answer({ ok: true }) ?? settle();
 const stopAtNews = () => (connection.onState = () => connection.stop());
 
+// As a page's own function does on a network that hangs.
+function stuck() {
+  const { requestTicket } = connection;
+  connection.requestTicket = () => [new Promise(() => {}), (connection.requestTicket = requestTicket)][0];
+  return begin();
+}
+
 const unreached = () => [(refusal = new TicketRefused(0)), begin()].at(-1);
 
 // Another ticket is asked for while the first is on its way.
@@ -109,6 +116,12 @@ for (const [name, steps, shown, opened, closed = false] of [
     true,
   ],
   ["without a server the attempts go on", [unreached, backWithin(500), goLive], "connecting server_unreachable live", 1],
+  [
+    "a ticket that never comes is asked for again",
+    [stuck, () => pass(10_000), () => pass(500), goLive],
+    "connecting server_unreachable live",
+    1,
+  ],
   ["without a network news of its end change nothing", [begin, () => connection.cut()], "connecting", 1],
   ...[4002, 4003, 4009, 4010].map((code) => [`after ${code} it sees on`, [...ended(code), goLive], "connecting live connecting live", 2]),
 ]) {
