@@ -3,7 +3,7 @@
 
 import { ask } from "../client/driveType.js";
 import { fullName } from "../client/rosbridge.js";
-import { make, onPress, part, setText } from "../dom/page.js";
+import { make, part, setText } from "../dom/page.js";
 import { DOUBLE_MS } from "../dom/presses.js";
 import { buttons as texts } from "../texts/panels.js";
 
@@ -173,9 +173,9 @@ export class Buttons {
     const yes = make("button", { type: "button", class: "main", "data-testid": `button-${place}-yes` }, texts.yes(name));
     const no = make("button", { type: "button", "data-testid": `button-${place}-no` }, texts.no);
     const question = make("span", { class: "button-sure", role: "group", "aria-label": texts.yes(name) }, yes, no);
-    onPress(press, () => this.robotButtons.press(action));
-    onPress(yes, () => this.robotButtons.confirm(action));
-    onPress(no, () => this.robotButtons.cancel(action));
+    press.addEventListener("click", () => this.robotButtons.press(action));
+    yes.addEventListener("click", () => this.robotButtons.confirm(action));
+    no.addEventListener("click", () => this.robotButtons.cancel(action));
     return { item: make("li", {}, press, question), press, question, yes, no, state };
   }
 

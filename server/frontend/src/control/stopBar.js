@@ -24,8 +24,7 @@ export class StopBar {
     this.listen(byTestId(root, "stop"));
   }
 
-  // On the press, not on the click: a second finger beside the stick makes no click. What is left for
-  // click is the keyboard and assistive technology (detail 0).
+  // On the press, not on the click, which comes later. What is left for click is the keyboard and assistive technology (detail 0).
   listen(button) {
     button.addEventListener("pointerdown", () => this.press());
     button.addEventListener("click", ({ detail }) => detail === 0 && this.press());

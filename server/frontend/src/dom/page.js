@@ -133,7 +133,7 @@ export function make(tag, attributes = {}, ...children) {
 // Makes a button with a test id; `act` comes with each press.
 export function makeButton(testId, text, act, attributes = {}) {
   const button = make("button", { type: "button", "data-testid": testId, ...attributes }, text);
-  onPress(button, act);
+  button.addEventListener("click", act);
   return button;
 }
 
@@ -147,16 +147,6 @@ export function keepFocus(change, buttons, last) {
 
 // What an element holds, to compare it with another answer's: each has its own token in its forms.
 export const withoutTokens = (element) => element.innerHTML.replace(/(name="csrf_token" value=")[^"]*/g, "$1");
-
-// For what is pressed while a finger holds the stick or rests beside it: another one makes no click. What takes no click takes
-// none of these either.
-export function onPress(button, act) {
-  button.addEventListener("click", act);
-  button.addEventListener("pointerup", (event) => {
-    const { isPrimary, pointerType, target } = event;
-    if (!isPrimary && pointerType === "touch" && !matches(target, ":disabled, [aria-disabled=true]")) act(event);
-  });
-}
 
 // What narrows a list is behind one button on a phone; elsewhere the style sheet shows it always.
 export function foldFilters(root, opened) {

@@ -1,6 +1,7 @@
 // A press counts only on the control on which it began: one that appears, or comes to lie, under a finger that is down takes
 // nothing from it, nor does one that gets the focus while a key is held. A double press is one: where a press removes a row, the
 // second one must not remove what has moved up. What is aria-disabled takes none. Stop is left out: it acts on the press itself.
+// Browsers make a click of the first finger alone; of another, as beside the one that holds the stick, it is made here.
 
 import { matches } from "./page.js";
 
@@ -21,6 +22,7 @@ export class Presses {
   watch(target) {
     const on = (name, act) => target.addEventListener(name, act, { capture: true });
     on("pointerdown", (event) => this.begin(event));
+    on("pointerup", (event) => event.isPrimary || event.pointerType !== "touch" || this.clickFor(event));
     on("click", (event) => this.mayAct(event) || ignore(event));
     on("keydown", (event) => isHeld(event) && event.preventDefault());
   }
@@ -32,6 +34,16 @@ export class Presses {
     this.newest = (isSecond && before.control) || controlOf(target);
     this.before = { control: this.newest, x, y, at };
     this.began.set(pointerId, this.newest);
+  }
+
+  clickFor({ pointerId, clientX, clientY }) {
+    const began = this.began.get(pointerId);
+    const target = matches(began, STOP) ? began : document.elementFromPoint(clientX, clientY); // a finger that slips off stops, too
+    const press = { detail: 1, pointerId, pointerType: "touch" };
+    const control = controlOf(target);
+    const acts = control && !control.matches(":disabled") && this.mayAct({ ...press, isTrusted: true, target });
+    this.began.set(pointerId, null); // a browser that makes a click, too, adds none
+    if (acts) target?.dispatchEvent(new PointerEvent("click", { ...press, bubbles: true, cancelable: true }));
   }
 
   // A click of a key, a script or assistive technology has no press of a pointer.

@@ -2,7 +2,7 @@
 
 import { AGAIN_MS, Stopping, TRIES, refusal } from "../control/stopping.js";
 import { api, stopAll } from "../dom/calls.js";
-import { localTime, make, makeButton, onPress, part, setIfOther, setText } from "../dom/page.js";
+import { localTime, make, makeButton, part, setIfOther, setText } from "../dom/page.js";
 import { stop as stopTexts } from "../texts/common.js";
 import { fleet as texts } from "../texts/fleet.js";
 
@@ -133,7 +133,7 @@ export class CardStop {
     this.cards.add(card);
     const button = part(card, "stop");
     setText(part(button, "stop-name"), ` ${this.robot}`);
-    onPress(button, () => this.stopping.press());
+    button.addEventListener("click", () => this.stopping.press());
     this.show();
   }
 

@@ -1,7 +1,7 @@
 // Joins sticks, keyboard, gamepad and limits to teleop.js, and lets go of all that is held when the page may be out of sight.
 
 import { isSteered } from "../client/rosbridge.js";
-import { TYPING, matches, onPress, part, setText } from "../dom/page.js";
+import { TYPING, matches, part, setText } from "../dom/page.js";
 import { limits as texts } from "../texts/common.js";
 import { hints } from "../texts/inputs.js";
 import { GamepadPanel } from "./gamepadPanel.js";
@@ -138,7 +138,7 @@ export function setUpLimits(root, highest, choices) {
   };
   const sliders = ["linear", "angular"].map((name) => setUpSlider(root, name, limits, onChange));
   for (const button of buttons) {
-    onPress(button, () => sliders.forEach((choose) => choose(Number(button.dataset.step))));
+    button.addEventListener("click", () => sliders.forEach((choose) => choose(Number(button.dataset.step))));
   }
   showSteps(buttons, limits);
   return limits;

@@ -2,7 +2,7 @@
 // A button stays the same one as long as its source does, and none is moved for another: a finger or the focus may be on it.
 
 import { KeyedRows } from "../dom/keyedRows.js";
-import { make, onPress, part, setText } from "../dom/page.js";
+import { make, part, setText } from "../dom/page.js";
 
 export const NUMBER_KEYS = 4; // of the sources, as of viewActionOf in view.js
 
@@ -11,7 +11,7 @@ export class SourceButtons {
   constructor(group, { onChoose }) {
     this.group = group;
     this.rows = new KeyedRows({ container: group, keyOf: ({ id }) => id, make: makeButton, fill: label });
-    onPress(group, ({ target }) => {
+    group.addEventListener("click", ({ target }) => {
       const button = target.closest("button");
       if (button) onChoose(button.value); // else it was beside the buttons
     });

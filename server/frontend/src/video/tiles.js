@@ -3,7 +3,7 @@
 
 import { DecoderChoice } from "../decoders/frameDecoder.js";
 import { cloned } from "../dom/keyedRows.js";
-import { onPress, part, setText } from "../dom/page.js";
+import { part, setText } from "../dom/page.js";
 import { frame as texts } from "../texts/video.js";
 import { MapTile } from "../overlays/mapTile.js";
 import { CameraTile } from "./cameraTile.js";
@@ -105,7 +105,7 @@ export class Tiles {
     const template = part(this.stage, isMap ? "map-tile" : "camera-tile");
     const element = cloned(template);
     this.stage.append(element);
-    onPress(part(element, "enlarge"), () => this.options.onChoose(source.topic));
+    part(element, "enlarge").addEventListener("click", () => this.options.onChoose(source.topic));
     return isMap ? new MapTile(element, this.options) : new CameraTile(element, { ...this.options, choice: this.choice, camera: source });
   }
 }

@@ -7,7 +7,7 @@ import { LaserRing } from "../overlays/laserRing.js";
 import { MapTile } from "../overlays/mapTile.js";
 import { Overlays } from "../overlays/overlays.js";
 import { World } from "../overlays/world.js";
-import { TEXT, byTestId, download, matches, onPress, part, setText } from "../dom/page.js";
+import { TEXT, byTestId, download, matches, part, setText } from "../dom/page.js";
 import { video as texts } from "../texts/video.js";
 import { cameraTopics, offeredCameras } from "../topics/discovery.js";
 import { TopicChoice } from "../topics/ownTopics.js";
@@ -200,7 +200,7 @@ export class View {
     window.addEventListener("keydown", (event) => this.press(event));
     document.addEventListener("visibilitychange", () => this.arrange());
     this.roomForMap.addEventListener("change", () => this.arrange());
-    onPress(part(this.smallMap.element, "enlarge"), () => this.choose(MAP));
+    part(this.smallMap.element, "enlarge").addEventListener("click", () => this.choose(MAP));
     new ResizeObserver(() => this.resized()).observe(part(this.element, "stage"));
   }
 

@@ -117,7 +117,7 @@ describe("presses", () => {
   // As much of the document as presses see: what an element is, and which control it is part of.
   const element = (control, selectors = []) => {
     const closest = (selector) => (selectors.some((one) => selector.includes(one)) ? (control ?? made) : null);
-    const made = Object.assign(new FakeElement(), { closest });
+    const made = Object.assign(new FakeElement(), { closest, matches: () => false });
     return made;
   };
   const button = () => element(undefined, ["button"]);
@@ -170,6 +170,28 @@ describe("presses", () => {
     fire("pointerdown", { target: drive, pointerId: 1, isPrimary: true });
     fire("pointerdown", { target: leave, pointerId: 2, isPrimary: false });
     assert.deepEqual([click(drive, { pointerId: 1 }), click(drive, { pointerId: 2 })], [true, false]);
+  });
+
+  test("a second finger, of which browsers make no click, presses what it was put on, if that takes clicks", () => {
+    const { fire } = page();
+    const { drive, leave, stop, plain } = TARGETS;
+    const disabled = Object.assign(button(), { matches: () => true });
+    globalThis.PointerEvent = /** @type {any} */ (Event);
+    const clicks = (began, lies = began, type = "touch") => {
+      const clicked = [];
+      const note = ({ target }) => clicked.push(target);
+      for (const one of [began, lies]) one.addEventListener("click", note, { once: true });
+      globalThis.document = /** @type {any} */ ({ elementFromPoint: () => lies });
+      fire("pointerdown", { target: began, pointerId: 2, isPrimary: false });
+      fire("pointerup", { target: began, pointerId: 2, isPrimary: false, pointerType: type });
+      for (const one of [began, lies]) one.removeEventListener("click", note);
+      return clicked;
+    };
+    assert.deepEqual([clicks(drive), clicks(drive, leave), clicks(disabled), clicks(plain)], [[drive], [], [], []]);
+    assert.deepEqual([clicks(stop, plain), clicks(drive, drive, "mouse")], [[stop], []]);
+    drive.setAttribute("aria-disabled", "true");
+    assert.deepEqual(clicks(drive), []);
+    drive.removeAttribute("aria-disabled");
   });
 
   // What lies there at the second of two presses, at which place and time, and whether it gets that one.

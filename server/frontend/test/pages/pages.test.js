@@ -35,7 +35,7 @@ test("a page takes no press that began elsewhere, nor a double one on what opene
   await import("../../src/pages/desk.js?page");
   every.mock.restore();
   for (const name of ["document", "window"]) delete globalThis[name];
-  assert.deepEqual(wired, ["pointerdown", "click", "keydown", "pageshow", "submit"]);
+  assert.deepEqual(wired, ["pointerdown", "pointerup", "click", "keydown", "pageshow", "submit"]);
   assert.equal(isNew(question), true);
 });
 
