@@ -284,6 +284,11 @@ def read_passes(tx: Transaction, request_ids: Collection[int]) -> dict[int, dict
     return passes
 
 
+def forget_passes(tx: Transaction, user_id: int) -> None:
+    """Forget which requests a user passed."""
+    tx.change("DELETE FROM help_request_passes WHERE user_id = %s", (user_id,))
+
+
 def offer(tx: Transaction, request_id: int, user_id: int, for_s: float) -> None:
     """Offer a request to a user, in place of whoever had it."""
     tx.change(

@@ -97,7 +97,7 @@ def poll(tx: Transaction, user: User, choice: Choice | None) -> QueueView:
     """Take a heartbeat of an operator, plan if that is due, and return what the operator sees.
 
     Without a choice an operator stays what it was; but an operator who was gone for too long is away until they choose,
-    unless they drove or have a request. So is one who let an offer end.
+    unless they drove or have a request. So is one who let an offer end. Who is back is asked as if for the first time.
     """
     row = operators.find(tx, user.id)
     was_there = row is not None and row.available
@@ -107,6 +107,8 @@ def poll(tx: Transaction, user: User, choice: Choice | None) -> QueueView:
     stays_away = not available and row is not None and not row.available
     is_idle = state_of(row) == "available" or (state_of(row) == "away" and stays_away)
     operators.write_heartbeat(tx, user.id, available=available, is_idle=is_idle)
+    if available and not was_there:
+        requests.forget_passes(tx, user.id)
     staff = plan_if_due(tx) or _read_staff(tx)
     return _view(tx, user, staff)
 

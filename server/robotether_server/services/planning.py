@@ -18,6 +18,8 @@ MAX_OFFER_S = OFFER_S + 1
 AWAY_AFTER_S = 10.0
 # Minimum interval between two plans.
 PLAN_EVERY_S = 0.5
+# Time after passing a request in which its user is not offered it again.
+PASSED_FOR_S = 60.0
 # Time after closing a request in which its operator gets no other.
 WRAP_UP_S = 30.0
 
@@ -87,8 +89,8 @@ def plan(state: QueueState) -> Plan:
 
     The most urgent request comes first, then the oldest. Of the users who are available, have right and
     pool, and have not passed it, it goes to one of the fewest pools, so that those of more stay free for
-    what they alone may take; of these, to the longest idle. Requests that are left go to users who have
-    passed them, the request that was passed longest ago first: so each comes round again.
+    what they alone may take; of these, to the longest idle. Requests that are left go to users who passed
+    them over PASSED_FOR_S ago, the request that was passed longest ago first: so each comes round again.
     """
     lasting = _lasting_offers(state)
     end = tuple(offer for offer in state.offers if offer not in lasting.values())
@@ -114,7 +116,7 @@ def plan(state: QueueState) -> Plan:
         (request for request in requests if request.id not in pairs),
         key=lambda request: max(request.passed_by.values(), default=state.now),
     )
-    pairs |= _pair([replace(request, passed_by={}) for request in again], users)
+    pairs |= _pair([_without_old_passes(request, state.now) for request in again], users)
     return Plan(end, tuple(Offer(*pair, until=state.now + OFFER_S) for pair in pairs.items()))
 
 
@@ -141,6 +143,13 @@ def _with_passes(request: WaitingRequest, end: tuple[Offer, ...], now: float) ->
     """Return the request as passed by those whose offer of it ends now."""
     passes = {offer.user_id: now for offer in end if offer.request_id == request.id}
     return replace(request, passed_by={**request.passed_by, **passes})
+
+
+def _without_old_passes(request: WaitingRequest, now: float) -> WaitingRequest:
+    """Return the request without old passes, and those of a clock that has been set back since."""
+    passes = request.passed_by.items()
+    newest = {user_id: at for user_id, at in passes if 0 <= now - at < PASSED_FOR_S}
+    return replace(request, passed_by=newest)
 
 
 def _pair(requests: list[WaitingRequest], users: list[Operator]) -> dict[int, int]:

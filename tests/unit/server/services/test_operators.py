@@ -59,6 +59,24 @@ def test_an_offer_passes_on_when_its_operator_does_not_answer(desk):
     ]
 
 
+def test_who_declines_is_not_asked_again_at_once(desk):
+    """After a minute, or once back, also where there is nobody else."""
+    desk.poll("ann")
+    request_id = desk.ask()
+    assert desk.poll("ann").offer.id == request_id
+    desk.act("decline", "ann", request_id)
+    for _ in range(6):
+        desk.pass_time(9)
+        view = desk.poll("ann")
+        assert (view.offer, view.waiting_count) == (None, 1)
+    desk.pass_time(7)
+    assert desk.poll("ann").offer.id == request_id
+    desk.act("decline", "ann", request_id)
+    desk.poll("ann", "away")
+    desk.pass_time(1)
+    assert desk.poll("ann").offer.id == request_id
+
+
 def test_of_two_pages_of_an_operator_the_choice_counts(desk):
     """A heartbeat without one changes nothing, and who was gone for 10 s has to choose again."""
     assert desk.poll("ann", None).state == "away"

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from robotether_server.services.planning import (
     MAX_OFFER_S,
     OFFER_S,
+    PASSED_FOR_S,
     Offer,
     Operator,
     QueueState,
@@ -19,7 +20,7 @@ NOW = 1000.0
 IDS = range(1, 6)
 POOLS = ("", "arms", "wheels")
 ids = st.sampled_from(IDS)
-times = st.sampled_from([NOW - 30, NOW - 20, NOW - 10, NOW])
+times = st.sampled_from([NOW - PASSED_FOR_S, NOW - 20, NOW - 10, NOW])
 
 requests = st.builds(
     WaitingRequest,
@@ -71,12 +72,18 @@ class Planned:
             if user.user_id not in {offer.user_id for offer in self.offers}
         ]
 
-    def has_passed(self, request, user):
+    def passed_at(self, request, user):
         ended = any(
             (offer.request_id, offer.user_id) == (request.id, user.user_id)
             for offer in self.plan.end
         )
-        return ended or user.user_id in request.passed_by
+        return NOW if ended else request.passed_by.get(user.user_id, 0.0)
+
+    def has_passed(self, request, user):
+        return self.passed_at(request, user) > 0.0
+
+    def may_get(self, request, user):
+        return user.may_take(request) and NOW - self.passed_at(request, user) >= PASSED_FOR_S
 
 
 def has_one_offer_each(after):
@@ -115,7 +122,10 @@ def leaves_nothing_waiting(after):
     offered = {offer.request_id for offer in after.offers}
     waiting = [request for request in after.state.waiting if request.id not in offered]
     assert not [
-        (request, user) for request in waiting for user in after.free() if user.may_take(request)
+        (request, user)
+        for request in waiting
+        for user in after.free()
+        if after.may_get(request, user)
     ]
 
 
@@ -135,7 +145,7 @@ def asks_the_fewest_pools_and_longest_idle_first(after):
     for request_id, chosen in after.users.items():
         request = after.requests[request_id]
         for user in after.free():
-            if user.may_take(request) and after.has_passed(request, user) <= after.has_passed(
+            if after.may_get(request, user) and after.has_passed(request, user) <= after.has_passed(
                 request, chosen
             ):
                 assert order_of(chosen) < order_of(user)
@@ -181,7 +191,7 @@ def test_requests_that_nobody_accepts_come_round_again(waiting, people):
     passes = {request.id: {} for request in waiting}
     counts = Counter()
     for turn in range(3 * len(waiting)):
-        now = NOW + turn * OFFER_S
+        now = NOW + turn * (OFFER_S + PASSED_FOR_S)
         requests = (replace(request, passed_by=dict(passes[request.id])) for request in waiting)
         for offer in plan(QueueState(now, tuple(requests), (), users)).offer:
             counts[offer.request_id] += 1
