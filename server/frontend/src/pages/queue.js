@@ -4,7 +4,7 @@
 import { api, LoginUse } from "../dom/calls.js";
 import { KeyedRows, madeBy } from "../dom/keyedRows.js";
 import { byTestId, localTimestamp, noteScript, part, reloadOnReturn, setText } from "../dom/page.js";
-import { isNew, markNew, Presses } from "../dom/presses.js";
+import { askOnce, isNew, markNew, Presses } from "../dom/presses.js";
 import { ReloadStore } from "../control/driveMode.js";
 import { Alerts } from "../queue/alerts.js";
 import { Availability } from "../queue/availability.js";
@@ -162,9 +162,10 @@ async function close(event) {
   const { current } = view ?? {};
   if (!current || isNew(byTestId(main, "close-request"))) return;
   const note = byTestId(main, "close-note");
-  const { ok, detail } = await api.post(`/api/v1/requests/${current.id}/close`, { note: note.value.trim() });
-  setText(byTestId(main, "close-outcome"), ok ? texts.closed(current.robot) : texts.refused(detail));
-  if (!ok) return;
+  const answer = await askOnce(current.id, () => api.post(`/api/v1/requests/${current.id}/close`, { note: note.value.trim() }));
+  if (!answer) return;
+  setText(byTestId(main, "close-outcome"), answer.ok ? texts.closed(current.robot) : texts.refused(answer.detail));
+  if (!answer.ok) return;
   note.value = "";
   part(main, "state-line").focus(); // the panel with the focus goes
   poller.askNow();
