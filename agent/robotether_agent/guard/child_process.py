@@ -191,13 +191,18 @@ class GuardProcess:
 
     def _exit_code(self) -> asyncio.Future[int]:
         if self._exit_code_asked is None:
-            self._exit_code_asked = self._server.exit_code(self.pid)
+            self._exit_code_asked = asyncio.ensure_future(self._server.exit_code(self.pid))
+            # Nobody may ask for it any more when the fork server ends.
+            self._exit_code_asked.add_done_callback(
+                lambda done: done.cancelled() or done.exception()
+            )
         return self._exit_code_asked
 
     def _known_exit_code(self) -> int | None:
         code = self._exit_code_asked
-        is_known = code is not None and code.done() and code.exception() is None
-        return code.result() if code is not None and is_known else None
+        if code is None or not code.done() or code.cancelled() or code.exception() is not None:
+            return None
+        return code.result()
 
     def _kill(self) -> None:
         if self._known_exit_code() is None:

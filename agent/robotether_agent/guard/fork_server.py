@@ -5,9 +5,9 @@ program by the supervisor when it has ended. It runs no event loop and no thread
 never outlive the agent, whose end it sees as the end of their socket, and never end before: a signal to all processes
 of the agent lets agent and guard stop the robot first.
 
-A request is one packet, answered by one number: FORK with the guard's standard input and output, answered by its
-process id or an error's negative number; WAIT with a process id, answered by the exit code once that guard has ended,
-whose process id is not used again before; PING.
+A request is one packet, answered at once by one number: FORK with the guard's standard input and output, answered by
+its process id or an error's negative number; WAIT with a process id, answered by RUNS or that guard's exit code, before
+which the id is not used again; PING.
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ from robotether_agent.problems import GuardDownError
 
 FORK, WAIT, PING = b"fork", b"wait", b"ping"
 MAX_PACKET_BYTES = 64
+# Number that is no exit code, and interval of the question: a disk that hangs keeps a guard that was killed.
+RUNS, RUNS_POLL_S = 256, 0.05
 # As `ps -o comm` shows them, instead of the agent's own name; the kernel keeps 15 characters.
 SERVER_NAME, GUARD_NAME = "guard-forks", "robot-guard"
 # Time limit for a program's first answer; a small computer that boots needs seconds to load Python.
@@ -83,7 +85,8 @@ def _answer(
     control: socket.socket, packet: bytes, pipes: Sequence[int], run_guard: RunGuard
 ) -> int:
     if packet.startswith(WAIT):
-        return os.waitstatus_to_exitcode(os.waitpid(int(packet[len(WAIT) :]), 0)[1])
+        pid, status = os.waitpid(int(packet[len(WAIT) :]), os.WNOHANG)
+        return os.waitstatus_to_exitcode(status) if pid else RUNS
     if packet != FORK:
         return 0
     try:
@@ -175,9 +178,11 @@ class ForkServer:
             raise GuardDownError(f"cannot start the guard: {os.strerror(-answer)}")
         return answer
 
-    def exit_code(self, pid: int) -> asyncio.Future[int]:
+    async def exit_code(self, pid: int) -> int:
         """Return a guard's exit code, as subprocess has it, once it has ended; ask once for each guard."""
-        return self._ask(WAIT + b"%d" % pid)
+        while (code := await self._ask(WAIT + b"%d" % pid)) == RUNS:  # noqa: ASYNC110 (a process)
+            await asyncio.sleep(RUNS_POLL_S)
+        return code
 
     async def check(self) -> None:
         """Raise GuardDownError if it has ended or hangs."""

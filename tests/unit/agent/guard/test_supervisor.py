@@ -118,6 +118,14 @@ async def test_one_that_does_not_end_is_killed(start, place, monkeypatch):
     await eventually(lambda: not is_alive(guard.pid), lambda: "it is killed")
 
 
+async def test_a_guard_that_does_not_end_keeps_no_other_waiting(start):
+    guard = await start("serves")
+    exit_code = guard._exit_code()
+    await guard._server.check()
+    os.kill(guard.pid, signal.SIGKILL)
+    assert await exit_code == -signal.SIGKILL
+
+
 async def test_a_guard_that_cannot_be_started_is_down(place):
     with pytest.raises(GuardDownError, match="cannot start the guard: No such file"):
         ForkServer.start([str(place / "none")])
