@@ -130,6 +130,11 @@ def _places(page, request, state):
     return places
 
 
+def test_stick_and_stop_are_whole_as_of_a_laptop_at_400_percent(driven):
+    resize(driven, 320, 256)
+    assert driven.evaluate(UNCOVERED, ["joystick", "stop"]) == []
+
+
 def test_picture_stick_and_stop_are_whole_in_every_state_and_keep_their_place(
     driven, stack, browser, request
 ):
