@@ -333,14 +333,14 @@ def _unknown(operation: object) -> str:
 
 
 class Subscriptions:
-    """What one connection has subscribed to, by topic and by the client's id, as rosbridge counts it.
+    """What one connection has subscribed to, by topic, and by the client's name and id for it, as rosbridge counts it.
 
     At most `max_count`; a topic may be subscribed several times, each under an id of its own.
     """
 
     def __init__(self, max_count: int) -> None:
         self._max_count = max_count
-        self._by_topic: dict[str, dict[str | int | None, Mapping[str, Any]]] = {}
+        self._by_topic: dict[str, dict[tuple[object, object], Mapping[str, Any]]] = {}
 
     def __len__(self) -> int:
         return sum(map(len, self._by_topic.values()))
@@ -350,23 +350,23 @@ class Subscriptions:
         return tuple(self._by_topic.get(topic, {}).values())
 
     def change(self, message: Mapping[str, Any]) -> bool:
-        """Do as a checked `subscribe` or `unsubscribe` says, an `unsubscribe` without an id for all of the topic.
+        """Do as a checked `subscribe` or `unsubscribe` says, an `unsubscribe` without an id for all of the name.
 
         An old subscription again counts once. False: there are too many.
         """
-        topic, message_id = message["topic"], message.get("id")
+        topic, names, message_id = message["topic"], message.get("names"), message.get("id")
         requested = self._by_topic.get(topic, {})
         if message["op"] == "subscribe":
-            if message_id not in requested and len(self) >= self._max_count:
+            if (names, message_id) not in requested and len(self) >= self._max_count:
                 return False
-            # One id may come with each spelling of the name.
-            names = (*requested.get(message_id, {}).get("names", ()), *message.get("names", ()))
-            named = {**message, "names": tuple(dict.fromkeys(names))}
-            self._by_topic[topic] = {**requested, message_id: named}
+            self._by_topic[topic] = {**requested, (names, message_id): message}
             return True
-        if message_id is None:
-            requested.clear()
-        requested.pop(message_id, None)
-        if not requested:
-            self._by_topic.pop(topic, None)
+        left = {
+            key: each
+            for key, each in requested.items()
+            if key[0] != names or message_id not in {None, key[1]}
+        }
+        self._by_topic[topic] = left
+        if not left:
+            del self._by_topic[topic]
         return True

@@ -11,13 +11,13 @@ from validators import Clock, check, refused, sent, validator
 def test_subscriptions_are_counted():
     at = validator("observe", {"policy": {"limits": {"subscriptions": 2}}})
     sent({"op": "subscribe", "topic": "/a", "id": "1"}, at)
-    sent({"op": "subscribe", "topic": "a", "id": "1"}, at)
+    sent({"op": "subscribe", "topic": "/a", "id": "1"}, at)
     sent({"op": "subscribe", "topic": "/a", "id": "2"}, at)
     kind, answer = refused({"op": "subscribe", "topic": "/b", "id": "3"}, at)
     assert kind == "subscriptions"
     assert "has 2 subscriptions" in str(answer["msg"])
-    # One is given up by its id, and without one all of the topic, as rosbridge does.
-    for given_up in ({"topic": "/a", "id": "3"}, {"topic": "/b", "id": "1"}, {"topic": "/c"}):
+    # One is given up by its id, and without one all of the name, as rosbridge does.
+    for given_up in ({"topic": "/a", "id": "3"}, {"topic": "/b", "id": "1"}, {"topic": "a"}):
         sent({"op": "unsubscribe", **given_up}, at)
     assert refused({"op": "subscribe", "topic": "/b"}, at)[0] == "subscriptions"
     sent({"op": "unsubscribe", "topic": "/a", "id": "1"}, at)
