@@ -63,6 +63,8 @@ NETWORKS = (
     (5.4, 5.4, 31),
 )
 NARROW = (0.8, 0.8, 38)
+# From the other side of the world.
+FAR = (20, 20, 320)
 COUNTS = (1, 5, 20)
 VIEWERS_SECONDS, VIEWERS_SETTLE_S = 10.0, 3.0
 RELAY_PORT = 8080
@@ -307,17 +309,18 @@ def shape_of(mbit_s: float, delay_ms: float) -> Shape:
 
 
 def measure_networks(seconds: float = SECONDS) -> Section:
-    """Measure what H.264 is for: a large picture, and a narrow line."""
+    """Measure what H.264 is for, a large picture and a narrow line, and a long way."""
     rows: list[Row] = []
     for (down, up, delay_ms), what, request in (
         (NETWORKS[2], ", 1280x720 at 25/s", WIDE_CAMERA),
         (NARROW, "", {"fps": FPS}),
+        (FAR, "", {"fps": FPS}),
     ):
         where = f"{down:g}/{up:g} Mbit/s, {delay_ms:g} ms{what}"
         with emulated(shape_of(up, delay_ms), shape_of(down, delay_ms)) as link:
             rows += asyncio.run(over_link(link, where, seconds, request))
     return Section(
-        title="Age of a large frame, and on a narrow line, by codec",
+        title="Age of a large frame, on a narrow line, and from far away, by codec",
         text=(
             "As over the link above, with one robot at a time: Mbit/s down and up, and the delay there and back. "
             f"{FAST_CAMERA} turns fast and has noise.\n\n"
