@@ -24,7 +24,7 @@ from robotether_server.schemas import AppName
 # Rate of drive commands from a page, in Hz.
 USUAL_RATE_HZ = 20.0
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 100.0
-# Maximum number of routes per user, so that nobody fills the relay.
+# Maximum number of routes per user, also of those that ended, so that nobody fills the relay.
 MAX_ROUTES = 50
 MAX_HOURS = 8760
 LOCK, LOCK_WITHIN_S = "robotether routes", 5
@@ -142,7 +142,7 @@ def remove(tx: Transaction, source: Source, user: User, route_id: int) -> Route:
 
 
 def _check_among(tx: Transaction, user: User, start: Node, end: Node) -> None:
-    """Raise the problem of a route beside those that last."""
+    """Raise the problem of a route beside those that last, or make room for it."""
     present = routes.list_all(tx)
     lasting = [route for route in present if route.ended_at is None]
     edges = [(_start(route), _end(route)) for route in lasting]
@@ -151,10 +151,12 @@ def _check_among(tx: Transaction, user: User, start: Node, end: Node) -> None:
     if loop := loop_with(edges, start, end):
         path = _path_words(tx, user, loop)
         raise NotPossibleError(f"cannot make the route: it would close a loop of {path}")
-    if sum(route.made_by == user.name for route in present) >= MAX_ROUTES:
-        raise NotPossibleError(
-            f"cannot make the route: you have {MAX_ROUTES}; remove those that have ended"
-        )
+    own = [route for route in present if route.made_by == user.name]
+    if sum(route.ended_at is None for route in own) >= MAX_ROUTES:
+        raise NotPossibleError(f"cannot make the route: you have {MAX_ROUTES}; remove one")
+    # Those that ended first, which the user may no longer see.
+    for route in own[MAX_ROUTES - 1 :]:
+        routes.remove(tx, route.id)
 
 
 def _path_words(tx: Transaction, user: User, path: Iterable[Node]) -> str:

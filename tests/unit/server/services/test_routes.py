@@ -100,14 +100,23 @@ def test_robots_that_have_got_the_names_get_no_route(fleet_of_four, macs):
         made(fleet_of_four, "app:joy", "sim2", macs=(OTHER_MAC, None))
 
 
-def test_what_is_no_topic_or_rate_or_one_too_many_is_refused(fleet_of_four, monkeypatch):
+def test_what_is_no_topic_or_rate_or_one_too_many_is_refused(
+    fleet_of_four, relay_database, monkeypatch
+):
+    """One that has ended gives way."""
     for more in ({"topic": "/a b"}, {"topic": "<b>"}, {"rate_hz": 0}, {"rate_hz": float("nan")}):
         with pytest.raises(FieldInvalidError):
             made(fleet_of_four, "sim1", "sim2", **more)
     monkeypatch.setattr(route_service, "MAX_ROUTES", 1)
-    made(fleet_of_four, "sim1", "sim2")
+    route = made(fleet_of_four, "sim1", "sim2")
     with pytest.raises(NotPossibleError, match="you have 1"):
         made(fleet_of_four, "sim1", "sim3")
+    with relay_database.transaction() as tx:
+        ended_at = dt.datetime.now(dt.UTC)
+        fleet.write(tx, [RouteEnd(route.id, ended_at, "robot_stopped", "ann", "sim1", "sim2")])
+    other = made(fleet_of_four, "sim1", "sim3")
+    with fleet_of_four.database.transaction() as tx:
+        assert [each.id for each in routes.list_all(tx)] == [other.id]
 
 
 def test_a_loop_is_found_before_it_is_saved(fleet_of_four):
