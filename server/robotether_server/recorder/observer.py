@@ -47,6 +47,9 @@ ANSWER_WITHIN_S = 5.0
 # Minimum interval between two messages of a topic, except of types whose messages build on each other.
 THROTTLE_MS = 100
 UNTHROTTLED = frozenset(("tf", "tf_static", "diagnostics", "rosout"))
+# Maximum number of a topic's messages that are so until others come, by the end of its name or by its type: each file
+# begins with them. Static frames come from several programs.
+MAX_LASTING = {"tf_static": 50, "robot_description": 1, "nav_msgs/OccupancyGrid": 1}
 # Maximum number of topics and cameras of a robot. Of 64 topics observers may add none from 32 on, and the recorder must
 # not keep them out; an agent has room for 8 cameras.
 MAX_RECORDED_TOPICS, MAX_RECORDED_CAMERAS = 16, 8
@@ -123,6 +126,10 @@ class TopicWriter:
         self._encode = encoder_of(ros_type or JSON_TEXT)
         self._is_typed = ros_type is not None
         self.unreadable = 0
+        last_name = topic.rpartition("/")[2]
+        self._max_lasting = MAX_LASTING.get(last_name) or MAX_LASTING.get(short_name(kind), 0)
+        # The newest last.
+        self.lasting: dict[bytes, RecordedMessage] = {}
 
     def message(self, msg: Raw, now_ns: int) -> RecordedMessage | None:
         """Return the message as it is written; None if it is none of its type."""
@@ -135,7 +142,13 @@ class TopicWriter:
                 log.warning("%s has a message that is not recorded: %.200s", self._name, exc)
             self.unreadable += 1
             return None
-        return RecordedMessage(self._channel, now_ns, now_ns, 0, encoded)
+        recorded = RecordedMessage(self._channel, now_ns, now_ns, 0, encoded)
+        if self._max_lasting:
+            self.lasting.pop(encoded, None)
+            self.lasting[encoded] = recorded
+            if len(self.lasting) > self._max_lasting:
+                del self.lasting[next(iter(self.lasting))]
+        return recorded
 
 
 class RobotObserver:
@@ -158,6 +171,15 @@ class RobotObserver:
         self._drive_topic = drive_topic
         self._on_left_out = on_left_out
         self._cameras: dict[str, asyncio.Task[None]] = {}
+        # The newest connections.
+        self._frames: dict[str, CameraObserver] = {}
+        self._rosbridge: RosbridgeObserver | None = None
+
+    def begin_file(self) -> list[RecordedMessage]:
+        """Request key frames for a file that begins; return what came before it, and is so until more comes."""
+        for camera in self._frames.values():
+            camera.request_key_frame()
+        return [] if self._rosbridge is None else self._rosbridge.lasting()
 
     async def run(self) -> None:
         """Observe, for ever."""
@@ -179,7 +201,7 @@ class RobotObserver:
 
     async def _observe_topics(self) -> None:
         async with await self._client.open_rosbridge(self._robot) as socket:
-            observer = RosbridgeObserver(
+            self._rosbridge = RosbridgeObserver(
                 self._robot.name,
                 socket,
                 self._write,
@@ -187,11 +209,12 @@ class RobotObserver:
                 drive_topic=self._drive_topic,
                 on_left_out=self._on_left_out,
             )
-            await observer.run()
+            await self._rosbridge.run()
 
     async def _observe_camera(self, camera: str) -> None:
         async with await self._client.open_frames(self._robot, camera) as socket:
-            await CameraObserver(socket, camera, self._write).run()
+            observer = self._frames[camera] = CameraObserver(socket, camera, self._write)
+            await observer.run()
 
     async def _again_and_again(self, work: Callable[[], Awaitable[None]], what: str) -> NoReturn:
         while True:
@@ -233,6 +256,10 @@ class RosbridgeObserver:
         # Number of texts of which nobody knows what they are.
         self._unreadable = 0
         self._answers: dict[str, asyncio.Future[Mapping[str, Any]]] = {}
+
+    def lasting(self) -> list[RecordedMessage]:
+        """Return the messages that are so until others come."""
+        return [each for writer in self._writers.values() for each in writer.lasting.values()]
 
     async def run(self) -> None:
         """Read until the connection ends."""
@@ -371,6 +398,10 @@ class CameraObserver:
         self._ahead_ms: float | None = None
         # When the last key frame came or was requested, by the monotonic clock.
         self._key_at = 0.0
+
+    def request_key_frame(self) -> None:
+        """Request a key frame with the next frame that is none."""
+        self._key_at = float("-inf")
 
     async def run(self) -> None:
         """Read until the connection ends."""

@@ -177,6 +177,7 @@ class RobotRecorder:
         self._recent: RecentMessages | None = None
         self._client = client
         self._folder = folder
+        self._observer: RobotObserver | None = None
         self._observing: asyncio.Task[None] | None = None
         # The topics of which nothing comes now.
         self._left_out: Sequence[str] = ()
@@ -195,6 +196,13 @@ class RobotRecorder:
     def keeps_recent(self) -> bool:
         """Whether the last seconds are kept in memory."""
         return self._recent is not None
+
+    def update(self, robot: RecordableRobot) -> None:
+        """Take over its settings; other cameras are observed at once."""
+        if robot.cameras != self.robot.cameras:
+            self._stop_observing()
+        self.robot = robot
+        self._observe()
 
     def share_memory(self, robots: int) -> None:
         """Keep no more of the last seconds than this number of robots may together."""
@@ -220,7 +228,10 @@ class RobotRecorder:
         recent = self._recent.all() if with_recent and self._recent is not None else []
         if not recent and self._control is not None:
             recent = [self._control._replace(log_ns=self._begun_ns)]
-        for message in recent:
+        begins_ns = recent[0].log_ns if recent else self._begun_ns
+        lasting = [] if self._observer is None else self._observer.begin_file()
+        before = [each._replace(log_ns=begins_ns) for each in lasting if each.log_ns < begins_ns]
+        for message in (*before, *recent):
             self._write_to(recording, message)
         self._observe()
         return recording
@@ -313,10 +324,14 @@ class RobotRecorder:
 
     def _observe(self) -> None:
         if self.is_collecting and self._observing is None:
-            observer = RobotObserver(
+            self._observer = RobotObserver(
                 self._client, self.robot, self.write, self._drive_topic, self.on_left_out
             )
-            self._observing = asyncio.create_task(observer.run())
-        elif not self.is_collecting and self._observing is not None:
+            self._observing = asyncio.create_task(self._observer.run())
+        elif not self.is_collecting:
+            self._stop_observing()
+
+    def _stop_observing(self) -> None:
+        if self._observing is not None:
             self._observing.cancel()
-            self._observing, self._left_out = None, ()
+            self._observer, self._observing, self._left_out = None, None, ()

@@ -372,7 +372,7 @@ class RecorderService:
             if not is_needed or robot is None or robot.name != recorder.robot.name:
                 await self._drop(robot_id)
             else:
-                recorder.robot = robot
+                recorder.update(robot)
 
     async def _drop(self, robot_id: int) -> None:
         recorder = self._robots.pop(robot_id)

@@ -137,22 +137,23 @@ async def answer_rosapi(robot, service_name, **values):
     await robot.send_to_clients(json.dumps(answer).encode())
 
 
-def file_of(settings):
-    return settings.folder / "1.mcap"
+def file_of(settings, number=1):
+    return settings.folder / f"{number}.mcap"
 
 
-def messages_of(settings):
+def messages_of(settings, number=1):
     """All that was written as a whole, also in a file that is still written, or whose recorder was killed."""
     found = []
-    if file_of(settings).exists():
-        with file_of(settings).open("rb") as file, contextlib.suppress(McapError, struct.error):
+    path = file_of(settings, number)
+    if path.exists():
+        with path.open("rb") as file, contextlib.suppress(McapError, struct.error):
             for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
                 found.append((channel.topic, message.data))
     return found
 
 
-def topics_of(settings):
-    return {topic for topic, _ in messages_of(settings)}
+def topics_of(settings, number=1):
+    return {topic for topic, _ in messages_of(settings, number)}
 
 
 def fences_of(settings):
@@ -255,6 +256,38 @@ async def test_video_is_recorded_with_key_frames_and_without_gaps(
         await robot.frames.show(data, codec=H264.number, is_key=data == b"key")
         await until(lambda seen=number + 1: len(frames_of(settings)) == seen, "it is in the file")
     await robot.frames.wait_for("key_frame")
+
+
+async def test_a_file_of_a_robot_that_is_recorded_already_lacks_nothing(
+    *, recorder, robot, store, settings
+):
+    """The robot has sent its static frames once, and a reader needs a key frame."""
+    store.robots = [replace(store.robots[0], recording_when="always")]
+    topics = ["/tf_static", "/speed"]
+    await answer_rosapi(robot, "topics", topics=topics, types=["demo/Speed"] * 2)
+    await answer_rosapi(robot, "message_details", typedefs=TYPEDEFS)
+    await until(lambda: len(robot.topics) == 2, "the topics are subscribed")
+    for topic in topics:
+        message = {"op": "publish", "topic": topic, "msg": {"value": 0.5}}
+        await robot.send_to_topics(json.dumps(message).encode())
+    await until(lambda: {*topics} <= topics_of(settings), "they are in the first file")
+    await robot.frames.wait_for("credit")
+    await robot.frames.show(b"key", codec=H264.number, is_key=True)
+    await until(lambda: frames_of(settings), "it is in the first file")
+    store.ask(2)
+    await until(lambda: store.rows[2].started_at, "it began")
+    await robot.frames.show(b"one", codec=H264.number)
+    await robot.frames.wait_for("key_frame")
+    await until(lambda: "/camera/video" in topics_of(settings, 2), "it is in the second file")
+    assert topics_of(settings, 2) == {"/robotether/control", "/tf_static", "/camera/video"}
+
+
+async def test_a_camera_that_the_settings_add_is_recorded_at_once(recorder, relay, store):
+    store.robots = [replace(store.robots[0], recording_when="on_stop")]
+    feeds = relay.relay.registry.ensure_robot(7).feeds
+    for cameras in (("/camera",), ("/camera", "/rear")):
+        store.robots = [replace(store.robots[0], cameras=cameras)]
+        await until(lambda expected={*cameras}: {key.camera for key in feeds} == expected, "feeds")
 
 
 async def test_a_recording_ends_with_the_right_of_who_asked(recorder, store, settings):
