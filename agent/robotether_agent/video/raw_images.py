@@ -28,6 +28,15 @@ FORMATS = {
     "8UC1": ("gray", 1),
     "8UC3": ("bgr24", 3),
     "8UC4": ("bgra", 4),
+    # As webcams give it, of which usb_cam and camera_ros publish it so; the newer names are the same.
+    "yuv422": ("uyvy422", 2),
+    "uyvy": ("uyvy422", 2),
+    "yuv422_yuy2": ("yuyv422", 2),
+    "yuyv": ("yuyv422", 2),
+    **{
+        f"bayer_{colours}8": (f"bayer_{colours}8", 1)
+        for colours in ("rggb", "bggr", "gbrg", "grbg")
+    },
     "16UC1": ("", 2),
     "32FC1": ("", 4),
 }
@@ -41,7 +50,7 @@ _MILLIMETRES = "if(val," + _GREY.format(part=f"val/{1000 * RANGE_M}") + ",0)"
 _METRES = f"pow(2,floor(val/128)-127)*(1+mod(val,128)/128)/{RANGE_M}"
 _FLOATS = "if(val*lte(val,32640)," + _GREY.format(part=_METRES) + ",0)"
 GREYS = {"16UC1": _MILLIMETRES, "32FC1": _FLOATS}
-FULL = 2
+LIMITED, FULL = 1, 2
 
 
 @dataclass(frozen=True)
@@ -99,8 +108,10 @@ class FrameMaker:
             return self._grey_frame(image, _upper_halves(image), "le")
         if image.encoding in GREYS:
             return self._grey_frame(image, image.pixels, endian)
-        pixel_format, pixel_bytes = FORMATS[image.encoding]
-        return _frame_of(image, pixel_format + endian * (pixel_bytes == 2), image.pixels)  # noqa: PLR2004
+        pixel_format, _ = FORMATS[image.encoding]
+        frame = _frame_of(image, pixel_format + endian * (pixel_format == "gray16"), image.pixels)
+        # FFmpeg's way from there to JPEG's colours makes them darker.
+        return frame.reformat(format="rgb24") if pixel_format.startswith("bayer") else frame
 
     def _grey_frame(self, image: RawImage, pixels: bytes, endian: str) -> Any:
         frame = _frame_of(image, f"gray16{endian}", pixels)
@@ -119,7 +130,7 @@ class FrameMaker:
 
 def _frame_of(image: RawImage, pixel_format: str, pixels: bytes) -> Any:
     frame: Any = av.VideoFrame(image.width, image.height, pixel_format)
-    frame.color_range, frame.pts = FULL, 0
+    frame.color_range, frame.pts = LIMITED if "422" in pixel_format else FULL, 0
     (plane,) = frame.planes
     row, line = len(pixels) // image.height, plane.line_size
     if row != line:

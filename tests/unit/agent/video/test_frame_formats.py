@@ -98,10 +98,17 @@ def shown(image):
         ("8UC1", 77, (77, 77, 77)),
         ("8UC3", ORANGE[::-1], ORANGE),
         ("8UC4", (*ORANGE[::-1], 9), ORANGE),
+        # Two pixels of BT.601 in limited range each, and four under a filter each.
+        ("yuv422", [[(90, 81), (240, 81)]], (255, 0, 0)),
+        ("yuv422_yuy2", [[(81, 90), (81, 240)]], (255, 0, 0)),
+        ("bayer_rggb8", [[200, 100], [100, 50]], ORANGE),
+        ("bayer_grbg8", [[100, 200], [50, 100]], ORANGE),
     ],
 )
 def test_colours_are_shown_as_they_are(encoding, pixel, colour, padding):
-    pixels = np.full((30, 50, np.size(pixel)), pixel, np.uint8)
+    block = np.array(pixel, np.uint8)
+    block = block if block.ndim > 1 else block.reshape(1, 1, -1)
+    pixels = np.tile(block, (30 // block.shape[0], 50 // block.shape[1]) + (1,) * (block.ndim - 2))
     picture = shown(message(pixels, encoding, padding=padding))
     assert picture.shape == (30, 50, 3)
     assert np.abs(picture.astype(int) - colour).max() <= 4
@@ -136,7 +143,7 @@ IMAGE = message(np.zeros((16, 16, 3), np.uint8), "rgb8")
 @pytest.mark.parametrize(
     ("lie", "why"),
     [
-        ({"encoding": "bayer_rggb8"}, "the encoding bayer_rggb8, which is not shown"),
+        ({"encoding": "nv21"}, "the encoding nv21, which is not shown"),
         ({"height": 17}, "less data than their size"),
         ({"step": 1000}, "less data than their size"),
         ({"width": 7680}, "make no sense: field width must be a whole number from 1 to 4096"),
