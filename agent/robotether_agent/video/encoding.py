@@ -29,7 +29,8 @@ OVERLOADED, OVERLOADED_S, RELIEVED = 0.6, 3.0, 0.4
 MIN_SLOWED_FPS = 5.0
 # Ratio of the next higher rate to the one before.
 FASTER = 1.5
-# Time with room before a step up, and its maximum where that was wrong before; another preset costs a key frame.
+# Time with room before a step up, and its maximum where that was wrong before; another preset costs a key frame. A step
+# up that held for the maximum was right.
 UP_AFTER_S, MAX_UP_AFTER_S = 30.0, 600.0
 # Time after a step up in which a step down shows that it was wrong.
 REGRET_S = 60.0
@@ -130,8 +131,11 @@ class LoadSteps:
         self.restart(now_s)
 
     def _on_down(self, now_s: float) -> None:
-        if now_s - self._up_at_s < REGRET_S:
+        held_s = now_s - self._up_at_s
+        if held_s < REGRET_S:
             self._up_after_s = min(MAX_UP_AFTER_S, 2 * self._up_after_s)
+        elif held_s >= MAX_UP_AFTER_S:
+            self._up_after_s = UP_AFTER_S
         self.restart(now_s)
 
     def _is_overloaded(self, now_s: float) -> bool:

@@ -187,6 +187,8 @@ BUSY, ROOM = (1.5, 0.5), 0.05
         ([BUSY, (25, ROOM), (10, ROOM)], "veryfast"),
         ([BUSY, (25, ROOM), (10, ROOM), (1, 0.5), (50, ROOM)], "superfast"),
         ([BUSY, (25, ROOM), (10, ROOM), (1, 0.5), (50, ROOM), (15, ROOM)], "veryfast"),
+        # That is forgotten once a step up has been right for long.
+        ([BUSY, (35, ROOM), (1, 0.5), (70, ROOM), (620, 0.2), (0.8, 0.5), (35, ROOM)], "veryfast"),
     ],
 )
 def test_the_preset_follows_the_processor(runs, preset):
