@@ -48,7 +48,8 @@ MAX_TOPIC_LENGTH = 256
 MAX_RECEIVERS = 2 * MAX_SHARED_SOURCES
 SHUTDOWN_S = 0.2
 FAREWELL_S = 0.5
-STILL_WITHIN_S = 5.0
+# Time limits for a still, and for a look at the camera's own size before it.
+STILL_WITHIN_S, SIZE_WITHIN_S = 5.0, 2.0
 BOUNDARY = "robotether"
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -199,7 +200,7 @@ class FramesService:
         width, height = source_request.width, source_request.height
         if width is None or height is None or not self._sources.steps_quality(source_request.topic):
             return source_request
-        own = await self._shared_sources.own_size(source_request)
+        own = await self._shared_sources.own_size(source_request, SIZE_WITHIN_S)
         if own is not None:
             width, height = encoded_size(own, (width, height), 1.0)
         return replace(source_request, width=width, height=height)

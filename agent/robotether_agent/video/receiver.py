@@ -45,6 +45,8 @@ STATUS_EVERY_S = 1.0
 MAX_TEXTS = 8
 # Default quality of JPEGs that are encoded again, whatever the level: a step opens no other source.
 SOURCE_QUALITY = 90
+# Time limit for a look at the camera's own size, which opens a source: a slow camera takes its time.
+SIZE_WITHIN_S = 10.0
 # Time over which frames are counted for a rate.
 COUNTED_S = 2.0
 # What a status names as the encoder of H.264 that the robot's own nodes publish.
@@ -369,7 +371,7 @@ class Receiver:
             if sized is None or sized.width is None:
                 continue
             if condition.state == "live" and self._is_by_server:
-                self._learn_size(await self._shared_sources.own_size(sized))
+                self._learn_size(await self._shared_sources.own_size(sized, SIZE_WITHIN_S))
 
     async def _send(self) -> None:
         while True:

@@ -36,9 +36,9 @@ SILENT_AFTER_S = 4.0
 MAX_PAUSE_S = 5.0
 MAX_SHARED_SOURCES = 8
 GIVE_UP_S = 5.0
-# Time after which a camera's own size is looked at again, as its node may have changed it; time limit for the frame
-# that shows it, and that frame's quality.
-SIZE_KEPT_S, SIZE_WITHIN_S, SIZE_QUALITY = 30.0, 2.0, 1
+# Time after which a camera's own size is looked at again, as its node may have changed it, and the quality of the frame
+# that shows it.
+SIZE_KEPT_S, SIZE_QUALITY = 30.0, 1
 # Part of the interval between frames in which a frame of another source is the same frame.
 SAME = 0.5
 MAX_INTERVAL_S = 1.0
@@ -165,7 +165,9 @@ class SharedSources:
             self._closing.add(closing)
             closing.add_done_callback(self._closing.discard)
 
-    async def own_size(self, source_request: SourceRequest) -> tuple[int, int] | None:
+    async def own_size(
+        self, source_request: SourceRequest, within_s: float
+    ) -> tuple[int, int] | None:
         """Return the camera's own width and height, whatever size is requested; None if it gives no JPEG in time."""
         topic, now_s = source_request.topic, self._clock()
         size, seen_s = self._own_sizes.get(topic, (None, -inf))
@@ -173,7 +175,7 @@ class SharedSources:
             return size
         whole = replace(source_request, quality=SIZE_QUALITY, width=None, height=None)
         with suppress(asyncio.TimeoutError):
-            frame = await within(SIZE_WITHIN_S, self._one_frame(whole))
+            frame = await within(within_s, self._one_frame(whole))
             size = jpeg_size(frame.data) or size
         self._own_sizes.pop(topic, None)
         while len(self._own_sizes) >= MAX_SHARED_SOURCES:
