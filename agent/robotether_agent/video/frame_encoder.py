@@ -54,10 +54,35 @@ class EncoderPool:
     ) -> None:
         self.setting = setting
         self.command = command
-        self.slots = asyncio.Semaphore(MAX_ENCODERS)
+        # Who wants an encoder, in the order in which they came, and whether they yield it.
+        self._wanting: dict[object, bool] = {}
+        self._changed = asyncio.Event()
         self._line_rate = line_rate
         self._on_change = on_change
         self._reports: dict[object, str] = {}
+
+    def enter(self, who: object, *, yields: bool) -> None:
+        """Let a receiver want an encoder, or from now on with another worth."""
+        self._wanting[who] = yields
+        self._notify()
+
+    def leave(self, who: object) -> None:
+        """Let a receiver want none."""
+        self._wanting.pop(who, None)
+        self._notify()
+
+    def _notify(self) -> None:
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+    def serves(self, who: object) -> bool:
+        """Whether an encoder is for this receiver: those that do not yield go first, then who came first."""
+        return who in sorted(self._wanting, key=self._wanting.__getitem__)[:MAX_ENCODERS]
+
+    async def until_served(self, who: object, *, is_served: bool) -> None:
+        """Wait until an encoder is for this receiver, or is no more."""
+        while self.serves(who) is not is_served:
+            await self._changed.wait()
 
     def line_part(self) -> float | None:
         """Return the bits a second of a full line that are for one of the cameras; None while it is not full."""
@@ -94,6 +119,7 @@ class FrameEncoder:
         self._key_frames = KeyFrameLimiter()
         self._load = LoadSteps(clock())
         self._requested_fps = StreamRequest.fps
+        self._yields = self._is_in_pool = False
         self.name: str | None = None
         self.size: tuple[int, int] | None = None
         self._own_size: tuple[int, int] | None = None
@@ -128,12 +154,15 @@ class FrameEncoder:
         if requested is not self._requested:
             self._key_frames.request()
         self._requested, self._requested_fps = requested, stream_request.fps
+        self._yields = stream_request.yields
         if requested is JPEG:
             self._needed.clear()
             self._unneeded.set()
         elif not self._unavailable:
             self._unneeded.clear()
             self._needed.set()
+            if self._is_in_pool:
+                self._pool.enter(self, yields=self._yields)
 
     def carries(self, stream_request: StreamRequest) -> Callable[[Level], bool] | None:
         """Return which levels the full line carries; None while it is not full, or nothing is encoded."""
@@ -155,8 +184,11 @@ class FrameEncoder:
         while True:
             await self._needed.wait()
             try:
+                self._is_in_pool = True
                 await first_of(self._keep_ready(), self._unneeded.wait())
             finally:
+                self._is_in_pool = False
+                self._pool.leave(self)
                 self._pool.report(self, "")
 
     async def encode(
@@ -199,13 +231,15 @@ class FrameEncoder:
             self._load.restart(now_s)
             self._encoder.fail(TOO_SLOW, min_pause_s=TOO_SLOW_PAUSE_S)
 
-    async def _keep_ready(self) -> None:
-        if self._pool.slots.locked():
-            self._encoder.down_reason = FULL
-            self._pool.report(self, f"none: {FULL}")
-        async with self._pool.slots:
+    async def _keep_ready(self) -> NoReturn:
+        self._pool.enter(self, yields=self._yields)
+        while True:
+            if not self._pool.serves(self):
+                self._encoder.down_reason = FULL
+                self._on_encoder()
+                await self._pool.until_served(self, is_served=True)
             self._encoder.down_reason = ENCODER_STARTS
-            await self._encoder.run()
+            await first_of(self._encoder.run(), self._pool.until_served(self, is_served=False))
 
 
 def bits_of(level: Level, own: tuple[int, int], stream_request: StreamRequest) -> int:

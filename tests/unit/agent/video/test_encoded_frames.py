@@ -1,5 +1,6 @@
 """A receiver that decodes more than JPEG: what it gets, in which order, and when it gets JPEGs after all."""
 
+import asyncio
 import os
 import sys
 from contextlib import AsyncExitStack
@@ -11,9 +12,10 @@ from openssh_server import command_line, descendants
 from receiver_world import SIZE, World, unpacked
 from robotether_agent.clock import robot_time
 from robotether_agent.video import encoder as encoder_module
+from robotether_agent.video import frame_encoder as frame_encoder_module
 from robotether_agent.video.encoder import COMMAND
 from robotether_agent.video.encoding import LoadSteps
-from robotether_agent.video.frame_encoder import EncoderPool, FrameEncoder
+from robotether_agent.video.frame_encoder import FULL, EncoderPool, FrameEncoder
 from robotether_agent.video.sources import SourceRequest
 from robotether_common.codecs import H264, JPEG
 from robotether_common.frames import ENCODER_STARTS, StreamRequest
@@ -34,9 +36,11 @@ def two_cores(monkeypatch):
 async def make_world():
     async with AsyncExitStack() as ends:
 
-        def make(*command, setting="auto", steps_quality=True, line_rate=None):
+        def make(*command, setting="auto", steps_quality=True, line_rate=None, pool=None):
             reports = []
-            pool = EncoderPool(setting, command or COMMAND, reports.append, lambda: line_rate)
+            pool = pool or EncoderPool(
+                setting, command or COMMAND, reports.append, lambda: line_rate
+            )
             world = World(steps_quality=steps_quality, encoders=pool)
             world.reports = reports
             ends.push_async_callback(world.end)
@@ -218,6 +222,20 @@ async def test_the_encoder_ends_with_its_receiver_and_with_the_wish_for_jpeg(mak
     assert "encoder_process" in command_line(pid)
     await world.end()
     assert descendants(os.getpid()) == []
+
+
+async def test_a_camera_that_yields_leaves_its_encoder_to_another(make_world, monkeypatch):
+    monkeypatch.setattr(frame_encoder_module, "MAX_ENCODERS", 1)
+    observed = make_world()
+    driven = make_world(pool=observed.receiver._encoder._pool)
+    await until_encoding(observed, yields=True)
+    await until_encoding(driven)
+    assert observed.receiver._encoder.down_reason == FULL
+    observed.socket.ask("stream_request", codecs=CODECS, yields=False)
+    await asyncio.sleep(0)
+    assert driven.receiver._encoder.codec is H264
+    await driven.end()
+    await until_encoding(observed)
 
 
 def test_encoder_that_is_installed_while_the_agent_runs_is_used(monkeypatch):

@@ -236,14 +236,18 @@ class Feed(SharedCopy[FeedKey, Viewer]):
         requests = _requests_of(operators)
         if not requests:
             return None
-        # An observer takes nothing from a driver.
-        is_driven = self._driver_id() in self.user_ids()
+        # An observer takes nothing from a driver, nor does a camera that the driver does not see.
+        driver_id = self._driver_id()
+        is_driven = driver_id in self.user_ids()
         leading = _requests_of(each for each in operators if each.may_drive or not is_driven)
         # Viewers that do not decode H.264 are here while the robot has no encoder.
         choosing = [each for each in requests if H264.name in each.codecs] or requests
         request, codecs = reduce(combined, leading), reduce(combined, choosing).codecs
         return replace(
-            request, codecs=codecs, latency_ms=reached_latency_ms(request.latency_ms, self._way_s())
+            request,
+            codecs=codecs,
+            latency_ms=reached_latency_ms(request.latency_ms, self._way_s()),
+            yields=driver_id is not None and not is_driven,
         )
 
     def _way_s(self) -> float:

@@ -4,6 +4,7 @@ import asyncio
 import struct
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -160,14 +161,16 @@ async def test_who_does_not_decode_h264_takes_it_from_nobody(
     )
     with followed(feeds, sim1, "/a", second) as jpeg:
         assert jpeg.stream_request().codecs == ("vp8", "jpeg")
+        assert jpeg.stream_request().yields == (driver_id == 1)
         with followed(feeds, sim1, "/a", first) as h264:
-            assert h264.stream_request() == first.stream_request
+            yielding = replace(first.stream_request, yields=driver_id == 2)
+            assert h264.stream_request() == yielding
             request = jpeg.stream_request()
             assert (request.codecs, request.yields) == (("jpeg",), yields)
             assert request.fps == (feeds_module.YIELDING_FPS if yields else StreamRequest().fps)
             goes_first = h264 if yields else jpeg
             assert feeds.key_for(sim1, "/a", recording) == goes_first.key
-        assert jpeg.stream_request() == second.stream_request
+        assert jpeg.stream_request() == replace(second.stream_request, yields=driver_id == 1)
     assert feeds.key_for(sim1, "/a", recording) == FeedKey("/a")
     await feeds.close()
 
