@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Literal
 
+from robotether_server import schemas
 from robotether_server.db import Transaction, audit, operators, requests, seen_robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import includes
@@ -22,6 +23,7 @@ from robotether_server.db.requests import (
 )
 from robotether_server.db.users import User
 from robotether_server.problems import GrantMissingError, NotPossibleError
+from robotether_server.schemas import NewPlainName
 from robotether_server.services.operators import state_of
 from robotether_server.services.planning import OFFER_S, WRAP_UP_S
 
@@ -168,7 +170,9 @@ def read_periods(tx: Transaction, user: User, by: PeriodLength) -> list[RequestP
 
 
 def set_pools(tx: Transaction, source: Source, name: str, pools: list[str]) -> list[str]:
-    """Replace the pools of a user; return them by name. Raises RecordMissingError."""
+    """Replace the pools of a user; return them by name. Raises FieldInvalidError or RecordMissingError."""
+    for pool in pools:
+        schemas.check("pools", pool, NewPlainName)
     user = users.get(tx, name)
     was, new = read_pools(tx, name), sorted(set(pools))
     if was != new:

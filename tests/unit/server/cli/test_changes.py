@@ -58,6 +58,7 @@ def test_each_change_is_said(run, database):
     with database.transaction() as tx:
         hashed = users.get(tx, "ann").password_hash
     assert passwords.matches("password of user password ann --password-stdin", hashed)
+    assert "it must be 1 to 63 characters" in run("user", "pools", "ann", "Night").err
     assert "go together" in run("robot", "move-ports", "turtle", "--ros", "20102").err
     groups, sites = (json.loads(run(kind, "list", "--json").out) for kind in ("group", "site"))
     assert groups == [{"name": "crew", "members": ["ann"]}]
