@@ -20,15 +20,19 @@ class ForeignRowError(Exception):
 def own_row(
     rows: Iterable[Mapping[str, Any]], name: str, mac: str, public_key: str | None
 ) -> Mapping[str, Any] | None:
-    """Return the row that this machine has, None when the server knows neither MAC nor name; ForeignRowError.
+    """Return the row that this machine has, None when the server knows neither MAC, name nor key; ForeignRowError.
 
-    An admin may have given the robot another name or another MAC since, but then the row has the machine's key.
+    An admin may have given the robot another name and another MAC since, but then the row has the machine's key.
     """
-    matches = [row for row in rows if mac == row["mac"] or name == row["name"]]
-    fingerprint = fingerprint_of(public_key) if public_key else None
+    fingerprint = fingerprint_of(public_key or "")
+    matches = [
+        row
+        for row in rows
+        if mac == row["mac"] or name == row["name"] or fingerprint == (row["fingerprint"] or "")
+    ]
     for row in matches:
         is_same = (row["mac"], row["name"]) == (mac, name)
-        if is_same or (fingerprint is not None and row["fingerprint"] == fingerprint):
+        if is_same or fingerprint == (row["fingerprint"] or ""):
             return row
     if matches:
         names = " and ".join(f"{row['name']} (MAC {row['mac']})" for row in matches)

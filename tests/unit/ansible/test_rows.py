@@ -24,8 +24,14 @@ def row(name, mac, fingerprint="SHA256:other"):
 
 @pytest.mark.parametrize(
     "own",
-    [row("turtle", MAC), row("turtle", MAC, None), row("renamed", MAC, KEY), row("turtle", OTHER_MAC, KEY)],
-)  # fmt: skip
+    [
+        row("turtle", MAC),
+        row("turtle", MAC, None),
+        row("renamed", MAC, KEY),
+        row("turtle", OTHER_MAC, KEY),
+        row("renamed", OTHER_MAC, KEY),
+    ],
+)
 def test_own_row_is_found(own):
     others = [row("victim", "00:1b:44:00:61:03")]
     assert rows.own_row([*others, own], "turtle", MAC, LINE) == own
