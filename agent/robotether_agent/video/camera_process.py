@@ -10,7 +10,9 @@ import logging
 import re
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import suppress
+from math import inf
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -23,6 +25,7 @@ from robotether_agent.video.newest_jpegs import (
     CameraFailedError,
     DecodedFrame,
     NewestFrame,
+    decoded,
     main,
     reason_of,
 )
@@ -30,6 +33,9 @@ from robotether_agent.video.timestamps import MAX_LAG_S
 
 # Time limits for opening a camera, and for its next frame.
 OPEN_S, READ_S = 10.0, 10.0
+# Time for which a packet is waited for that was not there yet, and the maximum part by which the camera's clock may
+# differ from this robot's: many count the frames, and call 24.97 a second 25.
+WAITED_S, MAX_DRIFT = 0.005, 0.002
 RTSP_OPTIONS = {
     # No redirect or description leads to a file, or to another protocol.
     "protocol_whitelist": "rtsp,rtp,rtcp,udp,tcp",
@@ -112,28 +118,39 @@ def frames_of(container: Any) -> Any:
     context.flags |= LOW_DELAY_FLAG
     context.options = {"max_pixels": str(MAX_SIDE * MAX_SIDE)}
     lag = Lag()
-    for packet in container.demux(stream):
+    for packet, waited_s in timed(container.demux(stream)):
         arrived_s = robot_time()
         if packet.pts is not None:
-            lag.check(time.monotonic(), float(packet.pts * stream.time_base))
+            timestamp_s = float(packet.pts * stream.time_base)
+            lag.check(time.monotonic(), timestamp_s, keeps_up=waited_s > WAITED_S)
         if context.name == "mjpeg" and HUFFMAN_TABLES in (jpeg := bytes(packet)):
             yield DecodedFrame(jpeg, arrived_s, arrived_s)
             continue
-        for frame in context.decode(packet):
+        for frame in decoded(context, packet):
             yield DecodedFrame(frame, arrived_s, arrived_s)
+
+
+def timed(packets: Iterator[Any]) -> Iterator[tuple[Any, float]]:
+    """Yield each packet, and how long it was waited for."""
+    asked_s = time.monotonic()
+    for packet in packets:
+        yield packet, time.monotonic() - asked_s
+        asked_s = time.monotonic()
 
 
 class Lag:
     """How much later than the quickest one a frame comes."""
 
     def __init__(self) -> None:
-        self._least_s: float | None = None
+        self._least_s = inf
+        self._now_s = 0.0
 
-    def check(self, now_s: float, timestamp_s: float) -> None:
-        """Raise CameraFailedError where frames queue on the way."""
+    def check(self, now_s: float, timestamp_s: float, *, keeps_up: bool) -> None:
+        """Raise CameraFailedError where frames queue on the way; while none waits, clocks may drift apart."""
         late_s = now_s - timestamp_s
-        if self._least_s is None or late_s < self._least_s:
-            self._least_s = late_s
+        if keeps_up:
+            self._least_s += MAX_DRIFT * (now_s - self._now_s)
+        self._least_s, self._now_s = min(self._least_s, late_s), now_s
         if late_s - self._least_s > MAX_LAG_S:
             raise CameraFailedError("this robot does not decode it as fast as it comes")
 

@@ -27,6 +27,7 @@ from robotether_agent.video.newest_jpegs import (
     CameraFailedError,
     DecodedFrame,
     NewestFrame,
+    decoded,
     main,
     reason_of,
 )
@@ -87,7 +88,7 @@ class H264Frames:
             return []
         data, unit = packet
         self._has_begun = self._has_begun or unit.is_complete
-        return list(self._decoder.decode(av.Packet(data))) if self._has_begun else []
+        return decoded(self._decoder, av.Packet(data)) if self._has_begun else []
 
 
 if __name__ == "__main__":

@@ -39,6 +39,14 @@ def reason_of(error: Exception) -> str:
     return getattr(error, "strerror", None) or "its frames cannot be read"
 
 
+def decoded(context: Any, packet: Any) -> list[Any]:
+    """Return the frames of a packet, none of a broken one: a lost part costs no more than the frame."""
+    try:
+        return list(context.decode(packet))
+    except av.InvalidDataError:
+        return []
+
+
 @dataclass(frozen=True)
 class DecodedFrame:
     """A frame with its times on the robot's clock; `content` is a JPEG already, PyAV's frame, or what makes that."""

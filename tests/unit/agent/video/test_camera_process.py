@@ -3,16 +3,18 @@
 import asyncio
 import base64
 import struct
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 
 import pytest
 from fake_cloud import eventually
 from local_network import free_port
 from robotether_agent.clock import robot_time
 from robotether_agent.video import sources as sources_module
+from robotether_agent.video.camera_process import Lag
 from robotether_agent.video.encoder_messages import EncodeRequest
 from robotether_agent.video.encoder_process import FrameTranscoder
 from robotether_agent.video.jpeg import jpeg_size
+from robotether_agent.video.newest_jpegs import CameraFailedError
 from robotether_agent.video.sources import SourceDownError, run_camera
 from robotether_common.codecs import H264
 from video_clips import clip, jpeg_of, pixels_of, psnr
@@ -173,6 +175,34 @@ async def test_an_answer_that_is_no_camera_is_a_reason_without_the_url(monkeypat
     assert "secret" not in reason
     assert "DESCRIBE" in camera.requests
     assert not visits
+
+
+async def test_a_broken_frame_of_a_camera_costs_no_other():
+    frames = []
+    async with FakeRtspCamera(JPEGS) as camera:
+        camera.units[10] = [b"\x41" + b"\xff" * 40]
+        reading = asyncio.ensure_future(run_camera(camera.url, frames.append, what="camera rear"))
+        await eventually(lambda: len(frames) >= 20 or reading.done(), lambda: str(len(frames)), 30)
+        reading.cancel()
+        await asyncio.gather(reading, return_exceptions=True)
+    assert len(frames) >= 20
+
+
+@pytest.mark.parametrize(
+    ("seconds", "late", "keeps_up", "is_over"),
+    [
+        # A camera's clock that differs, for two hours; a robot that is too slow, and a line.
+        (7200, 0.001, True, False),
+        (7200, 0.001, False, True),
+        (120, 0.02, True, True),
+    ],
+)
+def test_frames_that_queue_are_told_from_a_clock_that_drifts(seconds, late, keeps_up, is_over):
+    lag = Lag()
+    with pytest.raises(CameraFailedError) if is_over else nullcontext():
+        for number in range(seconds * FPS):
+            timestamp_s = number / FPS
+            lag.check(1000 + (1 + late) * timestamp_s, timestamp_s, keeps_up=keeps_up)
 
 
 async def test_a_camera_without_video_says_so():
