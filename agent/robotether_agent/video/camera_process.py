@@ -47,6 +47,8 @@ RTSP_OPTIONS = {
     "analyzeduration": "1000000",
     "probesize": "500000",
 }
+# Maximum number of frames that a decoder holds back (ITU-T H.264, A.3).
+MAX_IN_DECODER = 16
 # What FFmpeg's log says before it follows a redirect, which no option of its forbids.
 REDIRECTS = "Redirecting to "
 # Webcams leave them out, and browsers need them: such a frame is decoded like any other.
@@ -117,7 +119,7 @@ def frames_of(container: Any) -> Any:
     context.thread_count = 1
     context.flags |= LOW_DELAY_FLAG
     context.options = {"max_pixels": str(MAX_SIDE * MAX_SIDE)}
-    lag = Lag()
+    lag, arrivals = Lag(), Arrivals()
     for packet, waited_s in timed(container.demux(stream)):
         arrived_s = robot_time()
         if packet.pts is not None:
@@ -126,8 +128,10 @@ def frames_of(container: Any) -> Any:
         if context.name == "mjpeg" and HUFFMAN_TABLES in (jpeg := bytes(packet)):
             yield DecodedFrame(jpeg, arrived_s, arrived_s)
             continue
+        arrivals.add(packet.pts, arrived_s)
         for frame in decoded(context, packet):
-            yield DecodedFrame(frame, arrived_s, arrived_s)
+            taken_s = arrivals.pop(frame.pts, arrived_s)
+            yield DecodedFrame(frame, taken_s, taken_s)
 
 
 def timed(packets: Iterator[Any]) -> Iterator[tuple[Any, float]]:
@@ -136,6 +140,28 @@ def timed(packets: Iterator[Any]) -> Iterator[tuple[Any, float]]:
     for packet in packets:
         yield packet, time.monotonic() - asked_s
         asked_s = time.monotonic()
+
+
+class Arrivals:
+    """When frames came that are still in the decoder, as with B frames: each was taken before a later one came."""
+
+    def __init__(self) -> None:
+        self._by_pts: dict[int, float] = {}
+
+    def add(self, pts: int | None, arrived_s: float) -> None:
+        """Note that a packet came."""
+        if pts is not None:
+            self._by_pts[pts] = arrived_s
+        if len(self._by_pts) > MAX_IN_DECODER:
+            del self._by_pts[next(iter(self._by_pts))]
+
+    def pop(self, pts: int | None, now_s: float) -> float:
+        """Return when a frame, or a later one, came first; `now_s` where that is not known."""
+        if pts is None:
+            return now_s
+        taken_s = min((at_s for each, at_s in self._by_pts.items() if each >= pts), default=now_s)
+        self._by_pts = {each: at_s for each, at_s in self._by_pts.items() if each > pts}
+        return taken_s
 
 
 class Lag:

@@ -2,13 +2,16 @@
 
 import asyncio
 import base64
+import io
 import struct
 from contextlib import nullcontext, suppress
 
+import av
 import pytest
 from fake_cloud import eventually
 from local_network import free_port
 from robotether_agent.clock import robot_time
+from robotether_agent.video import camera_process
 from robotether_agent.video import sources as sources_module
 from robotether_agent.video.camera_process import Lag
 from robotether_agent.video.encoder_messages import EncodeRequest
@@ -203,6 +206,22 @@ def test_frames_that_queue_are_told_from_a_clock_that_drifts(seconds, late, keep
         for number in range(seconds * FPS):
             timestamp_s = number / FPS
             lag.check(1000 + (1 + late) * timestamp_s, timestamp_s, keeps_up=keeps_up)
+
+
+def test_a_frame_looks_no_newer_for_the_time_in_the_decoder(monkeypatch):
+    """As long as it waits for B frames, which come after a frame that is seen later."""
+    file = io.BytesIO()
+    with av.open(file, "w", format="matroska") as output:
+        stream = output.add_stream("libx264", FPS, {"bf": "2", "x264-params": "b-adapt=0"})
+        stream.width, stream.height = 320, 240
+        for picture in PICTURES:
+            output.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24")))
+        output.mux(stream.encode(None))
+    numbers = iter(range(100))
+    monkeypatch.setattr(camera_process, "robot_time", lambda: next(numbers))
+    with av.open(io.BytesIO(file.getvalue())) as container:
+        frames = list(camera_process.frames_of(container))
+    assert [frame.timestamp_s for frame in frames[:8]] == [0, 1, 1, 1, 4, 4, 4, 7]
 
 
 async def test_a_camera_without_video_says_so():
