@@ -50,6 +50,9 @@ def rfc3339(timestamp: dt.datetime | None) -> str | None:
 
 def timestamp(field: str, text: str) -> dt.datetime:
     """Parse an RFC 3339 time, such as 2026-01-31T12:00:00Z, into UTC; raise FieldInvalidError."""
+    if text[-6:-5] == " ":
+        # In a query a + that is not written as %2B is a space.
+        text = f"{text[:-6]}+{text[-5:]}"
     try:
         if _TIMESTAMP.fullmatch(text):
             return dt.datetime.fromisoformat(text.upper()).astimezone(dt.UTC)

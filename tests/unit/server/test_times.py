@@ -9,7 +9,10 @@ from robotether_server.problems import FieldInvalidError
 NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
 
 
-@pytest.mark.parametrize("text", ["2026-01-31 12:00z", "2026-01-31T14:00:00.000000999+02:00"])
+@pytest.mark.parametrize(
+    "text",
+    ["2026-01-31 12:00z", "2026-01-31T14:00:00.000000999+02:00", "2026-01-31T14:00:00 02:00"],
+)
 def test_moment_is_taken_with_its_offset(text):
     found = times.timestamp("until", text)
     assert (found, found.utcoffset()) == (NOON, dt.timedelta())
@@ -19,6 +22,7 @@ def test_moment_is_taken_with_its_offset(text):
     "text",
     [
         "2026-01-31T12:00:00",
+        "2026-01-31 12:00",
         "2026-02-30T12:00:00Z",
         "0001-01-01T00:00:00+02:00",
         "2026-W05-6T12:00:00Z",
