@@ -11,7 +11,7 @@ import logging
 import socket
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from random import Random
 from typing import Any
@@ -235,6 +235,7 @@ class Agent:
             recheck=self._recheck,
             guard=self._guard,
             on_config=self._on_config,
+            is_driven=self._is_driven,
         )
         try:
             await self._connector.connect(enrolment, await self._enroller.key(), role)
@@ -308,7 +309,11 @@ class Agent:
 
     async def _connect(self, role: Role) -> None:
         enrolment = await self._enroller.enrolment()
+        role = replace(role, is_driven=self._is_driven)
         await self._connector.connect(enrolment, await self._enroller.key(), role)
+
+    def _is_driven(self) -> bool:
+        return self._guard is not None and self._guard.is_driven()
 
     async def _show_key(self) -> None:
         """Show the key that an admin compares with what the server got."""

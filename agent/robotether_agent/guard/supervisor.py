@@ -146,6 +146,10 @@ class GuardSupervisor:
         self._lease = {"type": "lease", "fence": fence, "held": held}
         self._send(self._lease)
 
+    def is_driven(self) -> bool:
+        """Return whether somebody holds the lease, as the server last said."""
+        return self._lease is not None and bool(self._lease["held"])
+
     def on_stop(self, message_id: str, by: str) -> None:
         """Stop the robot, now or as soon as there is a guard."""
         log.warning("%s stopped this robot; a driver must release it", by)

@@ -74,6 +74,8 @@ class Role:
     on_config: Callable[[SessionConfig], None] | None = None
     # The addresses of the other cells, where the server may answer when this one falls silent.
     elsewhere: Callable[[], Sequence[SshAddress]] = lambda: ()
+    # Whether somebody drives now, which another network must not end.
+    is_driven: Callable[[], bool] = lambda: False
 
 
 async def run_connection(target: SshAddress, files: SshFiles, role: Role) -> NoReturn:
@@ -99,7 +101,7 @@ def _work(
     work = [
         _run_session(session, role.guard),
         _keep_forward(tunnel, session, role, target),
-        liveness.watch(session, tunnel, target, role.elsewhere),
+        liveness.watch(session, tunnel, target, role.elsewhere, role.is_driven),
         _leave_silent_relay(tunnel, session, role, target),
         *(report(session) for report in role.reports),
     ]

@@ -1,8 +1,8 @@
 """Ends a dead connection as soon as the server is reachable again, without waiting for a time-out.
 
-A task of each connection. It never ends a connection that works: silence counts only while the kernel, too, waits for
-the other side, and mostly a fresh connection must get an answer first, which the next dial then uses. So a server that
-is merely slow is not stormed by its robots.
+A task of each connection. It never ends a connection by which somebody drives and that works: silence counts only
+while the kernel, too, waits for the other side, and mostly a fresh connection must get an answer first, which the next
+dial then uses. So a server that is merely slow is not stormed by its robots.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ HOPELESS_AFTER_S = 4.0
 CHECK_EVERY_S = 0.2
 # Minimum delay of a poll that shows that this process or the whole machine was suspended.
 PAUSED_S = 1.5
-# Time after a suspension during which DISTRUSTED_AFTER_S of silence is enough.
+# Time after a suspension during which DISTRUSTED_AFTER_S of silence is enough, as on a path that moved while
+# somebody drives.
 DISTRUST_S = 3.0
 DISTRUSTED_AFTER_S = 0.6
 # Pause after a failed attempt on another connection: a new network without a route to the server
@@ -107,12 +108,13 @@ async def watch(
     tunnel: Tunnel,
     target: SshAddress,
     elsewhere: Callable[[], Sequence[SshAddress]],
+    is_driven: Callable[[], bool] = lambda: False,
 ) -> NoReturn:
     """Raise ServerSilentError or NetworkChangedError when the connection is dead; else never end.
 
     `elsewhere` returns the addresses of the other cells, as they are known by then.
     """
-    watched = _Watch(session, tunnel, target, elsewhere)
+    watched = _Watch(session, tunnel, target, elsewhere, is_driven)
     with netlink.listening() as network:
         await first_of(watched.keep_checking(), watched.watch_network(network))
     raise AssertionError("a watch of a connection ended without a problem")
@@ -129,11 +131,13 @@ class Signs:
     # This machine has just slept.
     is_distrusted: bool = False
     idle_delay_s: float = 0.0
+    is_driven: bool = False
 
     @property
     def is_silent(self) -> bool:
         """Whether what should have come has not."""
-        limit_s = DISTRUSTED_AFTER_S if self.is_distrusted else SILENT_AFTER_S
+        is_doubtful = self.is_distrusted or (self.is_driven and self.path is Path.MOVED)
+        limit_s = DISTRUSTED_AFTER_S if is_doubtful else SILENT_AFTER_S
         return self.silent_s >= limit_s + self.idle_delay_s
 
 
@@ -144,7 +148,7 @@ def suspicion(signs: Signs) -> LinkError | None:
     if signs.is_stuck and signs.is_silent:
         why = f"the server was silent for {signs.silent_s:.1f} s"
         return ServerSilentError(f"lost the connection: {why}", retry=Retry.AT_ONCE)
-    if signs.path is Path.MOVED:
+    if signs.path is Path.MOVED and not signs.is_driven:
         return NetworkChangedError(
             "left the connection: this robot's route now leads through another network"
         )
@@ -166,11 +170,13 @@ class _Watch:
         tunnel: Tunnel,
         target: SshAddress,
         elsewhere: Callable[[], Sequence[SshAddress]],
+        is_driven: Callable[[], bool],
     ) -> None:
         self._session = session
         self._tunnel = tunnel
         self._target = target
         self._elsewhere = elsewhere
+        self._is_driven = is_driven
         self._dialer = target.dialer or ServerDialer()
         self._checked_at = robot_time()
         self._wake = asyncio.Event()
@@ -225,6 +231,7 @@ class _Watch:
             is_stuck=self._dialer.is_proxied or is_stuck(connection),
             is_distrusted=time.monotonic() < self._distrusted_until,
             idle_delay_s=self._session.idle_delay_s,
+            is_driven=self._is_driven(),
         )
 
     async def _is_answered_elsewhere(self, problem: LinkError) -> bool:

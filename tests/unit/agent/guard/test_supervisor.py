@@ -22,6 +22,7 @@ from robotether_agent.guard.supervisor import (
 )
 from robotether_agent.own_programs import program_environment
 from robotether_agent.problems import GuardDownError
+from robotether_agent.tunnel import liveness
 
 
 @pytest.fixture
@@ -176,6 +177,19 @@ async def test_a_stop_outlives_the_agent(cloud, start_agent):
     await eventually(lambda: bool(link.of_type("guard")), lambda: f"{link.received}")
     assert link.of_type("guard")[0]["stopped"]
     await agent.until(lambda status: status.stopped_by == "ben", "still stopped")
+
+
+async def test_another_network_ends_no_drive(cloud, start_agent, monkeypatch):
+    """The robot leaves a connection that works for the new network's once nobody drives."""
+    agent = start_agent(cloud, guard="on")
+    link = await cloud.link("session")
+    link.send({"type": "lease", "fence": 1, "held": True})
+    await agent.until_connected()
+    monkeypatch.setattr(liveness, "path_of", lambda _: liveness.Path.MOVED)
+    pings = len(link.of_type("ping"))
+    await eventually(lambda: len(link.of_type("ping")) > pings + 2, lambda: f"{link.received}")
+    link.send({"type": "lease", "fence": 1, "held": False})
+    await cloud.link("session", number=2)
 
 
 async def test_without_a_guard_the_forward_is_bare(cloud, start_agent, caplog):

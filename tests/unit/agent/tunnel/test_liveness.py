@@ -60,6 +60,8 @@ def test_an_address_that_ipv6_renews(monkeypatch, now, path):
         (Signs(Path.SAME, 2.8, is_stuck=True, idle_delay_s=1.5), ServerSilentError, False),
         (Signs(Path.MOVED, 0.1, is_stuck=False), NetworkChangedError, False),
         (Signs(Path.MOVED, 4.5, is_stuck=True), ServerSilentError, True),
+        (Signs(Path.MOVED, 0.7, is_stuck=False, is_driven=True), None, False),
+        (Signs(Path.MOVED, 0.7, is_stuck=True, is_driven=True), ServerSilentError, False),
         (Signs(Path.GONE, 0.1, is_stuck=False), NetworkChangedError, True),
     ],
 )
