@@ -26,6 +26,7 @@ import { View } from "../video/view.js";
 import { LoginUse, api } from "../dom/calls.js";
 import { Choices, FIELDS, asksForKeys, byTestId, localTime, matches, noteScript, part, reloadOnReturn, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
+import { ScreenLock } from "../dom/screenLock.js";
 import { driveSettings } from "./settings.js";
 
 const CHECK_MS = 50;
@@ -41,6 +42,7 @@ const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, oldMs, maxA
 const facts = { since: "", why: "", renamed: "", observers: 0, drivers: [""], silentS: 0, recording: false, unseen: false, isFed: false };
 
 const loginUse = new LoginUse();
+const screenLock = new ScreenLock();
 const reloadStore = new ReloadStore(mac);
 const driveMode = new DriveMode({
   me: user,
@@ -167,6 +169,7 @@ function showState(state) {
   noteEnd(state);
   const live = state.name === "live";
   session.use(live && driveMode.driving);
+  screenLock.keep(live && driveMode.driving);
   if (!live && state.name !== "connecting") driveMode.settle();
   if (!driveMode.pressed) arming.disarm(); // each new link needs new presses, except the one that asked for it
   interlock.revoke();

@@ -5,6 +5,7 @@ import { api, LoginUse } from "../dom/calls.js";
 import { KeyedRows, madeBy } from "../dom/keyedRows.js";
 import { byTestId, localTimestamp, noteScript, part, reloadOnReturn, setText } from "../dom/page.js";
 import { askOnce, isNew, markNew, Presses } from "../dom/presses.js";
+import { ScreenLock } from "../dom/screenLock.js";
 import { ReloadStore } from "../control/driveMode.js";
 import { Alerts } from "../queue/alerts.js";
 import { Availability } from "../queue/availability.js";
@@ -17,6 +18,7 @@ const [offerPanel, currentPanel] = [part(main, "offer"), part(main, "current")];
 const [accept, decline] = [byTestId(main, "offer-accept"), byTestId(main, "offer-decline")];
 const feedState = byTestId(main, "queue-feed");
 const availability = new Availability();
+const screenLock = new ScreenLock();
 const alerts = new Alerts({ onChange: showAlerts });
 const waiting = new KeyedRows({
   container: part(main, "waiting"),
@@ -65,6 +67,7 @@ function showAvailability() {
   main.dataset.state = state;
   setText(byTestId(main, "queue-state"), stateText(state, view));
   setText(byTestId(main, "wrap-up-left"), state === "wrap_up" ? secondsText(texts.wrapUpLeft, view?.wrap_up_left_s) : "");
+  screenLock.keep(availability.isAvailable);
   press("available", state !== "" && availability.isAvailable);
   press("away", state !== "" && !availability.isAvailable);
   showLapse();

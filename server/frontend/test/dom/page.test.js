@@ -5,7 +5,8 @@ import { LoginUse, ServerClock } from "../../src/dom/calls.js";
 import { KeyedRows } from "../../src/dom/keyedRows.js";
 import { Choices, LocalStore, freshPage, reloadOnReturn, shortNumber } from "../../src/dom/page.js";
 import { Presses, askOnce, markOpened, sendOnce } from "../../src/dom/presses.js";
-import { FakeElement, storageOf } from "../fakes.js";
+import { ScreenLock } from "../../src/dom/screenLock.js";
+import { FakeElement, settle, storageOf } from "../fakes.js";
 
 test("what is not JSON, what was never written, and all of a browser that keeps nothing, is nothing", () => {
   const store = storageOf(new Map([["robotether.sticks", "{"]]));
@@ -57,6 +58,31 @@ test("a page that comes late does not take the place of one that was asked for a
   assert.equal(await pages[0], null);
   answers[2]("newest");
   assert.equal((await pages[2]).text, "newest");
+});
+
+test("the screen is kept on as long as that is wanted and the page is seen, and where a browser refuses that, it is not", async () => {
+  const page = Object.assign(new EventTarget(), { hidden: false });
+  const [on, requests] = [new Set(), []];
+  const sentinel = () => {
+    const lock = { release: () => on.delete(lock) };
+    return on.add(lock) && lock;
+  };
+  const request = () => new Promise((resolve, reject) => requests.push({ grant: () => resolve(sentinel()), refuse: reject }));
+  const lock = new ScreenLock(/** @type {any} */ ({ page, request }));
+  const see = (hidden) => {
+    page.hidden = hidden;
+    page.dispatchEvent(new Event("visibilitychange"));
+  };
+  const answered = async (how) => (requests.shift()[how](), await settle(), on.size);
+  lock.keep(true);
+  assert.equal(await answered("grant"), 1);
+  see(true);
+  assert.deepEqual([on.size, requests.length], [0, 0]);
+  see(false);
+  assert.equal(await answered("refuse"), 0);
+  see(false);
+  lock.keep(false);
+  assert.equal(await answered("grant"), 0, "it came too late");
 });
 
 const NOW = Date.parse("2026-01-01T12:00:00Z");
