@@ -17,11 +17,12 @@ from dataclasses import dataclass
 from urllib.parse import parse_qsl
 
 from aiohttp import ClientConnectorError, ClientError, ClientResponse, ClientTimeout, web
-from robotether_common.frames import QOS, QOS_NAME, no_frames
+from robotether_common.frames import MAX_SIDE, QOS, QOS_NAME, no_frames
 from yarl import URL
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import (
+    FieldInvalidError,
     NoFramesError,
     TooManyConnectionsError,
     VideoDownError,
@@ -151,8 +152,9 @@ def path_for_robot(raw_path: str, raw_query: str) -> str:
     """Return what the robot is asked for: less our prefix, less what is for us, and with its slashes as they are.
 
     web_video_server undoes no escapes, and finds no topic under %2Fcamera, which many clients write. A request for a
-    topic without a QoS gets that of sensors.
+    topic without a QoS gets that of sensors. No size takes more memory of the robot than a large picture does.
     """
+    _check_sizes(raw_query)
     _, _, _, _, *rest = raw_path.split("/", 4)
     path = "/" + "".join(rest)
     parts = [part for part in raw_query.split("&") if part and not _names(part, "ticket", "mac")]
@@ -161,6 +163,13 @@ def path_for_robot(raw_path: str, raw_query: str) -> str:
     ):
         parts.append(QOS)
     return f"{path}?{ESCAPED_SLASH.sub('/', '&'.join(parts))}" if parts else path
+
+
+def _check_sizes(raw_query: str) -> None:
+    for name, value in parse_qsl(raw_query, keep_blank_values=True):
+        is_side = value.isascii() and value.isdecimal() and 0 < int(value[:9]) <= MAX_SIDE
+        if name in {"width", "height"} and not is_side:
+            raise FieldInvalidError(f"cannot show video: {name} is 1 to {MAX_SIDE} pixels", name)
 
 
 def _names(part: str, *parameters: str) -> bool:

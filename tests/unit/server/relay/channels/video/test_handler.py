@@ -7,6 +7,7 @@ import pytest
 from fake_robot import HOST, JPEG
 from relay_server import ANN, until
 from robotether_common.frames import QOS
+from robotether_server.problems import FieldInvalidError
 from robotether_server.relay.channels.video.handler import path_for_robot
 
 STREAM_HEAD = (
@@ -181,3 +182,10 @@ async def test_login_video_without_a_database_says_so(relay, robot, sim1, memory
 )
 def test_the_robot_is_asked_for_the_rest(path, query, expected):
     assert path_for_robot(path, query) == expected
+
+
+@pytest.mark.parametrize("side", ["0", "-1", "", "99999", "1" * 20])
+def test_no_size_is_asked_for_that_would_fill_the_robots_memory(side):
+    path_for_robot("/robots/sim1/video/stream", "topic=/a&width=4096")
+    with pytest.raises(FieldInvalidError, match="width is 1 to 4096 pixels"):
+        path_for_robot("/robots/sim1/video/stream", f"topic=/a&invert&w%69dth={side}")
