@@ -51,6 +51,7 @@ MOTION_EVERY_S = 0.1
 COUNTS_EVERY_S = 1.0
 # Minimum interval between reports of how old is what the driver sees.
 SEEN_EVERY_S = 0.5
+UNHEARD = "rosapi names no node that listens to"
 LISTENERS_UNKNOWN = (
     "it is unknown whether anything on the robot listens to what is driven: rosapi no longer answers, or names nobody"
     " but rosbridge; after a restart of roscore nothing listens until rosbridge is restarted"
@@ -240,7 +241,7 @@ class State:
     moving: bool
     # The newest number of a lease, 0: none.
     fence: int
-    # Drive topics to which nothing on the robot listens; None: unknown (LISTENERS_UNKNOWN).
+    # Drive topics that are UNHEARD; None: unknown (LISTENERS_UNKNOWN).
     unheard: tuple[str, ...] | None = ()
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from robotether_common.guard import REFUSED_KINDS, STAMP, STOP_CAUSES, RefusedKind, StopCause
 
-from robotether_agent.guard.agent_messages import LISTENERS_UNKNOWN, GuardConfig
+from robotether_agent.guard.agent_messages import LISTENERS_UNKNOWN, UNHEARD, GuardConfig
 from robotether_agent.guard.authorizer import Authorizer
 from robotether_agent.guard.drive_messages import (
     SHAPES,
@@ -88,7 +88,7 @@ class DriveController:
         self._wake = asyncio.Event()
         self._stepped = asyncio.Event()
         self._fence = 0
-        # Drive topics to which nothing on the robot listens.
+        # Drive topics to which rosapi knows no listener; None: it does not say.
         self.unheard: frozenset[str] | None = frozenset()
 
     # What changes from outside.
@@ -195,22 +195,28 @@ class DriveController:
         return [t.name for t in registered if now < t.used_at + DRIVEN_FOR_S]
 
     def on_unheard(self, names: frozenset[str] | None) -> None:
-        """Refuse to move what nothing listens to; zeros always go, and what is unknown is said."""
+        """Refuse to move what surely nothing listens to; zeros always go, and what is not sure is said."""
         if names == self.unheard:
             return
         for name in sorted((names or frozenset()) - (self.unheard or frozenset())):
-            log.warning("nothing on the robot listens to %s", name)
+            topic = self._topics.find(name)
+            self._warn(f"{UNHEARD} {name}", to_driver=topic is not None and topic.is_of_ros_2)
         if names is None:
-            log.warning(LISTENERS_UNKNOWN)
-            status = {"op": "status", "level": "error", "msg": LISTENERS_UNKNOWN}
-            self.on_rosbridge_message(_json(status))
+            self._warn(LISTENERS_UNKNOWN, to_driver=True)
         self.unheard = names
         self._changed()
+
+    def _warn(self, text: str, *, to_driver: bool) -> None:
+        log.warning(text)
+        if to_driver:
+            self.on_rosbridge_message(_json({"op": "status", "level": "error", "msg": text}))
 
     def on_unregistered(self, name: str) -> None:
         """Advertise a topic at rest anew, once rosbridge has forgotten it."""
         topic = self._topics.find(name)
-        if topic is not None and topic.waiting is None and self._deadman.is_at_rest(name):
+        if topic is None or topic.is_of_ros_2:
+            return
+        if topic.waiting is None and self._deadman.is_at_rest(name):
             log.warning("ROS has forgotten that rosbridge publishes %s; advertising it again", name)
             self._topics.withhold(topic, self._clock() + UNREGISTERED_AFTER_S)
             self._wake.set()
@@ -299,7 +305,8 @@ class DriveController:
                 self._begin_zeros([topic.name])
             raise
         topic = self._topic_for(source, message.topic)
-        if now < topic.withheld_until or (command.moves and topic.name in (self.unheard or ())):
+        is_unheard = topic.name in (self.unheard or ()) and not topic.is_of_ros_2
+        if now < topic.withheld_until or (command.moves and is_unheard):
             raise DriveMessageRefusedError("held", f"nothing on the robot listens to {topic.name}")
         before = topic.sent if self._deadman.is_moving(topic.name) else None
         command = limited(command, before, now - topic.sent_at, self._config.limits)

@@ -292,9 +292,9 @@ class GuardSupervisor:
 
 
 def _unheard(message: JsonObject) -> str:
-    """Say to which drive topics nothing listens, or that this is unknown; empty: none is known."""
+    """Say which drive topics are unheard, or that this is unknown; empty: none is known."""
     topics = message.get("unheard", [])
     if topics is None:
         return agent_messages.LISTENERS_UNKNOWN
     names = ", ".join(str(name) for name in topics) if isinstance(topics, list) else ""
-    return f"nothing on the robot listens to {printable(names, MAX_NAMES_LENGTH)}" if names else ""
+    return f"{agent_messages.UNHEARD} {printable(names, MAX_NAMES_LENGTH)}" if names else ""

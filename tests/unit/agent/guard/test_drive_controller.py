@@ -8,7 +8,7 @@ import pytest
 from controller_world import FakeSource, World
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_agent.guard.agent_messages import LISTENERS_UNKNOWN, GuardConfig
+from robotether_agent.guard.agent_messages import LISTENERS_UNKNOWN, UNHEARD, GuardConfig
 from robotether_agent.guard.drive_controller import (
     AHEAD_MS,
     REGISTERED_WITHIN_S,
@@ -502,6 +502,19 @@ async def test_the_driver_is_told_once_that_the_listeners_are_unknown(world):
     assert world.publisher.speeds == [0.5, 0.6]
     assert world.source.refused == []
     status = {"op": "status", "level": "error", "msg": LISTENERS_UNKNOWN}
+    assert [json.loads(data) for data in world.source.notified] == [status]
+
+
+async def test_what_rosapi_does_not_see_may_listen_on_ros_2(world):
+    """A base of another release of ROS 2, or of plain DDS, has no node there."""
+    await world.send(op="advertise", type="geometry_msgs/msg/Twist")
+    await world.drive(0.5)
+    world.controller.on_unheard(frozenset({"/cmd_vel"}))
+    world.controller.on_unregistered("/cmd_vel")
+    await world.drive(0.6)
+    assert world.publisher.speeds == [0.5, 0.6]
+    assert world.source.refused == []
+    status = {"op": "status", "level": "error", "msg": f"{UNHEARD} /cmd_vel"}
     assert [json.loads(data) for data in world.source.notified] == [status]
 
 
