@@ -205,7 +205,7 @@ async def test_it_waits_for_a_call_over_http(world, phase):
 
 
 async def test_it_waits_while_an_operator_has_an_offer_to_help_the_robot(world):
-    world.database.requests = [RelayRequest(TARGET, "offered", 1.0, BEN, 20.0)]
+    world.database.requests = [RelayRequest(TARGET, "offered", 1.0, 1.0, BEN, 20.0)]
     leasing = world.relay.relay.control.leasing
     await until(lambda: leasing.of(TARGET).reserved(now()), "the robot is reserved")
     world.database.routes = [FOLLOW]
