@@ -56,6 +56,7 @@ ROUTE_ENDS: Mapping[str, str] = {
     "rights_ended": "its maker may no longer manage its robots",
     "robot_inactive": "one of its robots was disabled",
     "robot_stopped": "the target was stopped",
+    "records_restored": "a backup was restored",
     "lease_held": "somebody else drove the target",
     "lease_lost": "somebody else took control of the target",
 }

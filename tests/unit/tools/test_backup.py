@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 from commands import copy_tools, path_with, run_command, write_programs
-from robotether_server.db import Database
+from robotether_server.db import Database, robots, routes, users
+from robotether_server.db.routes import NewRoute
 from robotether_server.disks import recorded_space
 from robotether_server.problems import StoreUnavailableError
 
@@ -221,6 +222,17 @@ def test_other_files_are_no_backup(checkout, tmp_path):
         (tmp_path / "file").write_bytes(content)
         done = run(checkout, "restore", "--database", str(tmp_path / "file"), status=1)
         assert f"cannot restore {tmp_path}/file" in done.stderr
+
+
+def test_a_restored_route_does_not_drive_its_robot_again(real, database):
+    """It may have ended since the backup, by a stop."""
+    with database.transaction() as tx:
+        ends = [robots.add(tx, f"02:00:00:00:51:0{number}", f"sim{number}") for number in (1, 2)]
+        user_id = users.add(tx, "ann", "x", "user")
+        routes.add(tx, NewRoute(ends[0], "/cmd_vel", ends[1], "/cmd_vel", "a/msg/B", 20, user_id))
+    backup = run(real, "backup", "backups").stdout.split()[-1]
+    run(real, "restore", "--database", backup)
+    assert [route.end_code for route in database.run(routes.list_all)] == ["records_restored"]
 
 
 def test_half_a_restored_database_serves_nobody(real, mariadb, database, backup_file):
