@@ -9,6 +9,7 @@ echo "${COMPOSE_PROFILES:+[$COMPOSE_PROFILES] }$*" >> calls
 case "$*" in
   --env*) [ ! -e env ] || sed -n "s/^$2=//p" env ;;
   config) echo 'name: robots' ;;
+  'config --images') printf 'reg.test:5000/robotether/%s:1\\n' web prometheus web ;;
   'config --services') printf 'secrets\\nweb\\n'; cat database services ;;
   run*) exit "$(cat "${*##* }_status")" ;;
   *openssl*) echo 'sha256 Fingerprint=AA:BB' ;;
@@ -66,6 +67,12 @@ def test_no_password_is_told_that_admin_does_not_have(checkout):
     (checkout / "volumes").unlink()
     assert "nobody knows whether this machine has data" in up(checkout, status=1).stderr
     assert not (checkout / "compose" / "secrets" / "admin_password").exists()
+
+
+def test_images_of_all_that_runs_are_built(checkout):
+    """Prometheus runs with a profile of its own, for example."""
+    up(checkout)
+    assert "\nbuild prometheus web\n" in calls(checkout)
 
 
 @pytest.mark.parametrize("service", ["settings", "certificate", "secrets"])
