@@ -105,8 +105,10 @@ class RequestedConnection:
         uptime.is_up()
         if config.ports[self.service] is not None:
             self.recheck.set()
+            was_open = self.status() == self.status(is_open=True)
             self.status_writer.set(**self.status(is_open=True))
-            log.info("robot %s: %s tunnel open", config.robot, self.service)
+            if not was_open:
+                log.info("robot %s: %s tunnel open", config.robot, self.service)
 
 
 @asynccontextmanager

@@ -330,6 +330,7 @@ class Agent:
         self, uptime: Uptime, target: SshAddress, config: SessionConfig, session: Session
     ) -> None:
         uptime.is_up()
+        is_new = self._session is not session
         self._session = session
         self._session_up.set()
         self._next_session.set()
@@ -345,6 +346,9 @@ class Agent:
         )
         for connection in self._beside:
             self._status_writer.set(**connection.status())
+        if not is_new:
+            # Other settings, or another port of the guard.
+            return
         # By the words of sshd's log; an address translation on the way changes both.
         named = f", which logs it as {config.connection_id}" if config.connection_id else ""
         log.info("robot %s: connected to %s%s", config.robot, target, named)

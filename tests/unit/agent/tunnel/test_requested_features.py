@@ -17,13 +17,15 @@ from robotether_common.audit_head import NAMESPACE, statement
 from robotether_server.signatures import is_signed
 
 
-async def test_a_shell_is_a_connection_of_its_own(cloud, start_agent, services):
+async def test_a_shell_is_a_connection_of_its_own(cloud, start_agent, services, caplog):
+    caplog.set_level("INFO")
     agent = start_agent(cloud, shell_address=f"127.0.0.1:{services.port}")
     await agent.until_connected()
     assert agent.status().shell_tunnel == "off"
     cloud.configure(shell_port=free_port())
     await agent.until(lambda status: status.shell_tunnel == "open", "the shell tunnel is open")
     assert await echo(cloud.shell_port, "shell") == "shell"
+    assert caplog.text.count("connected to") == 1, "other settings are no other connection"
     assert [len(cloud.of_kind(kind, live=False)) for kind in ("session", "media")] == [1, 1]
 
 
