@@ -320,8 +320,11 @@ def repair(path: Path) -> FileIndex | None:
     """
     with path.open("r+b") as file:
         beginning = _beginning()
-        if file.read(len(beginning)) != beginning:
+        # A power cut may have left less than that.
+        if not beginning.startswith(file.read(len(beginning))):
             return None
+        file.seek(0)
+        file.write(beginning)
         index = FileIndex()
         end = len(beginning)
         for record in _whole_records(file):

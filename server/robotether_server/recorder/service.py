@@ -342,8 +342,9 @@ class RecorderService:
         path, ended_at, progress = path_of(self._folder, row.id), row.progress_at, None
         try:
             index = await asyncio.to_thread(repair, path)
-            if index is not None and index.end_ns:
-                ended_at = dt.datetime.fromtimestamp(index.end_ns / NS_PER_S, dt.UTC)
+            if index is not None:
+                if index.end_ns:
+                    ended_at = dt.datetime.fromtimestamp(index.end_ns / NS_PER_S, dt.UTC)
                 size, messages = path.stat().st_size, index.counts.total()
                 progress = Progress(size, messages, None, None, None)
         except OSError as exc:

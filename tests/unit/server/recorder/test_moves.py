@@ -246,4 +246,5 @@ async def test_of_a_killed_recorder_nothing_is_made_up(
     with database.transaction() as tx:
         ended = recordings.get(tx, users.get(tx, "ann"), "drive", number)
     assert (ended.end_code, ended.drivers) == ("recorder_restarted", DRIVERS)
+    assert ended.messages == chunks
     assert ended.lasted_s == pytest.approx(lasted_s, abs=30)
