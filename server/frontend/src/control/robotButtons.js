@@ -86,13 +86,16 @@ export class RobotButtons {
     this.checkHeard(action, fullName(topic));
   }
 
-  // What reached nobody was not done. A rosapi that knows no publisher, not even this page, hides the topic.
+  // What reached nobody was not done. A rosapi that knows no publisher, not even this page, hides the topic. That of
+  // ROS 2 sees no program without a node, nor nodes of some other releases, which may have got it.
   async checkHeard(action, topic) {
     const { round } = action;
     const call = (service, request) => this.connection.call(service, request);
     const nodes = async (kind) => (await ask(call, `/rosapi/${kind}`, { topic }))[kind];
     const [publishers, subscribers] = await Promise.all(["publishers", "subscribers"].map(nodes)).catch(() => []);
-    if (round === action.round && publishers?.length && subscribers?.length === 0) this.fail(action, texts.unheard(topic), round);
+    if (round !== action.round || !publishers?.length || subscribers?.length !== 0) return;
+    if (action.button.type.includes("/msg/")) this.doubt(action, texts.unseen(topic), round);
+    else this.fail(action, texts.unheard(topic), round);
   }
 
   async request(action) {

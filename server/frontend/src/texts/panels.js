@@ -20,6 +20,7 @@ export const buttons = {
   pendingWords: (name) => `${name}: waiting for the robot.`,
   notConnected: "The robot is not connected.",
   unheard: (topic) => `Nothing on the robot listens to ${topic}.`,
+  unseen: (topic) => `rosapi names no node that listens to ${topic}.`,
   lost: "The connection ended before the robot answered. It may have done it, or still do it.",
   slow: (seconds) => `No answer for ${seconds} s. The robot may still do it.`,
 };

@@ -107,15 +107,17 @@ for (const [name, button, act, state, words] of [
 
 const HEARD = "Lights on: sent to the robot.";
 const UNHEARD = "Lights on: failed. Nothing on the robot listens to /lights.";
-for (const [name, publishers, subscribers, words] of [
+const UNSEEN = "Lights on: outcome unknown. rosapi names no node that listens to /lights.";
+for (const [name, publishers, subscribers, words, type = LIGHTS.type] of [
   ["is done where something listens", ["/rosbridge"], ["/base"], HEARD],
   ["is none where nothing listens", ["/rosbridge"], [], UNHEARD],
+  ["may have got to what no rosapi of ROS 2 sees", ["/rosbridge"], [], UNSEEN, "std_msgs/msg/Bool"],
   ["counts where rosapi hides the topic", [], [], HEARD],
   ["counts where rosapi does not say", undefined, undefined, HEARD],
 ]) {
   test(`what was published ${name}`, async () => {
     drive();
-    lights.button = { ...LIGHTS, topic: "lights" };
+    lights.button = { ...LIGHTS, topic: "lights", type };
     press(lights);
     for (const kind of ["publishers", "subscribers"]) assert.ok(calls.some(({ how: [service] }) => service === `/rosapi/${kind}`));
     await answer(0, { publishers });
