@@ -21,7 +21,8 @@ export class ScreenLock {
     this.lock = null;
     if (!this.isWanted || this.page.hidden) return;
     const lock = await this.request().catch(() => null);
-    if (this.isWanted) this.lock = lock;
+    const isOurs = this.isWanted && !this.lock; // else a later request came first
+    if (isOurs) this.lock = lock;
     else lock?.release();
   }
 }

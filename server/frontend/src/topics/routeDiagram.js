@@ -46,7 +46,7 @@ export class RouteDiagram {
     this.connect = connect;
     this.remove = remove;
     this.armed = /** @type {HTMLElement | null} */ (null);
-    this.drag = /** @type {{button: HTMLElement, x: number, y: number, path: Element | null} | null} */ (null);
+    this.drag = /** @type {{button: HTMLElement, pointer: number, x: number, y: number, path: Element | null} | null} */ (null);
     this.rows = [];
   }
 
@@ -63,7 +63,7 @@ export class RouteDiagram {
   }
 
   press(button) {
-    if (this.dragged || !button) return;
+    if (this.dragged || this.drag?.path || !button) return;
     if (isSource(button)) this.arm(button === this.armed ? null : button);
     else if (this.armed) this.join(this.armed, button);
   }
@@ -87,12 +87,13 @@ export class RouteDiagram {
     this.dragged = false;
     const button = event.target.closest("button.topic");
     if (!button || !isSource(button) || !event.isPrimary || event.button !== 0) return;
-    this.drag = { button, x: event.clientX, y: event.clientY, path: null };
+    this.drag = { button, pointer: event.pointerId, x: event.clientX, y: event.clientY, path: null };
   }
 
-  move({ clientX, clientY }) {
+  // Another finger neither leads nor ends the line.
+  move({ pointerId, clientX, clientY }) {
     const drag = this.drag;
-    if (!drag) return;
+    if (!drag || drag.pointer !== pointerId) return;
     if (!drag.path && Math.hypot(clientX - drag.x, clientY - drag.y) < DRAG_PX) return;
     const path = drag.path ?? this.beginLine(drag.button);
     drag.path = path;
@@ -107,9 +108,10 @@ export class RouteDiagram {
     return path;
   }
 
-  drop({ clientX, clientY }) {
+  drop({ pointerId, clientX, clientY }) {
     const drag = this.drag;
-    if (!drag?.path) {
+    if (!drag || drag.pointer !== pointerId) return;
+    if (!drag.path) {
       this.drag = null;
       return;
     }
