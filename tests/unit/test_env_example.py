@@ -1,10 +1,12 @@
 """compose/.env.example, compose.yaml and the server's settings say the same."""
 
+import json
 import re
 from pathlib import Path
 
 import pytest
 import yaml
+from commands import output_of_command
 from robotether_agent import __version__ as agent_version
 from robotether_server import __version__ as server_version
 from robotether_server.settings.server import VARIABLES
@@ -58,6 +60,23 @@ def set_by_compose():
         for variable in service.get("environment", ())
     }
     return {name if name in VARIABLES else name.removesuffix("_FILE") for name in variables}
+
+
+@pytest.mark.parametrize("overlay", ["database.yaml", "cell.yaml"])
+def test_programs_of_a_site_reach_its_database_by_tls(overlay):
+    """It refuses all other connections."""
+    command = ["docker", "compose", "--env-file", "/dev/null", "--profile", "*"]
+    command += ["--file", "compose.yaml", "--file", overlay, "config", "--format", "json"]
+    services = json.loads(output_of_command(*command, cwd=COMPOSE))["services"].values()
+    reading = [
+        it["environment"]
+        for it in services
+        if it.get("networks") and "DB_PORT" in it.get("environment", ())
+    ]
+    assert reading
+    assert {environment["DB_CA_FILE"] for environment in reading} == {
+        "/run/secrets/database_ca.pem"
+    }
 
 
 def test_example_has_exactly_what_compose_reads():
