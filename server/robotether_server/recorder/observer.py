@@ -175,10 +175,13 @@ class RobotObserver:
         self._frames: dict[str, CameraObserver] = {}
         self._rosbridge: RosbridgeObserver | None = None
 
-    def begin_file(self) -> list[RecordedMessage]:
-        """Request key frames for a file that begins; return what came before it, and is so until more comes."""
+    def request_key_frames(self) -> None:
+        """Request a key frame of each camera, which a new file needs."""
         for camera in self._frames.values():
             camera.request_key_frame()
+
+    def lasting(self) -> list[RecordedMessage]:
+        """Return the messages that are so until others come."""
         return [] if self._rosbridge is None else self._rosbridge.lasting()
 
     async def run(self) -> None:

@@ -229,7 +229,10 @@ class RobotRecorder:
         if not recent and self._control is not None:
             recent = [self._control._replace(log_ns=self._begun_ns)]
         begins_ns = recent[0].log_ns if recent else self._begun_ns
-        lasting = [] if self._observer is None else self._observer.begin_file()
+        lasting = [] if self._observer is None else self._observer.lasting()
+        # The last seconds have some: at a stop none must take the uplink.
+        if self._observer is not None and not with_recent:
+            self._observer.request_key_frames()
         before = [each._replace(log_ns=begins_ns) for each in lasting if each.log_ns < begins_ns]
         for message in (*before, *recent):
             self._write_to(recording, message)
