@@ -144,9 +144,7 @@ class Signs:
 def suspicion(signs: Signs) -> LinkError | None:
     """Return why the connection may be dead, as the problem that it then is."""
     if signs.path is Path.GONE:
-        return NetworkChangedError(
-            "lost the connection: its address is no longer one of this robot"
-        )
+        return NetworkChangedError("lost the connection: its address is no longer this robot's")
     if signs.is_stuck and signs.is_silent:
         why = f"the server was silent for {signs.silent_s:.1f} s"
         return ServerSilentError(f"lost the connection: {why}", retry=Retry.AT_ONCE)
