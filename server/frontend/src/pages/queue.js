@@ -3,7 +3,7 @@
 
 import { api, LoginUse } from "../dom/calls.js";
 import { KeyedRows, madeBy } from "../dom/keyedRows.js";
-import { byTestId, localTimestamp, noteScript, part, reloadOnReturn, setText } from "../dom/page.js";
+import { Choices, LocalStore, byTestId, localTimestamp, noteScript, part, reloadOnReturn, setText } from "../dom/page.js";
 import { askOnce, isNew, markNew, Presses } from "../dom/presses.js";
 import { ScreenLock } from "../dom/screenLock.js";
 import { ReloadStore } from "../control/driveMode.js";
@@ -19,6 +19,7 @@ const [accept, decline] = [byTestId(main, "offer-accept"), byTestId(main, "offer
 const feedState = byTestId(main, "queue-feed");
 const availability = new Availability();
 const screenLock = new ScreenLock();
+const notes = new Choices("queue.note", new LocalStore(() => globalThis.sessionStorage)); // the drive page comes between
 const alerts = new Alerts({ onChange: showAlerts });
 const waiting = new KeyedRows({
   container: part(main, "waiting"),
@@ -153,7 +154,7 @@ function showCurrent(request) {
   if (!request) return;
   const id = String(request.id);
   if (currentPanel.dataset.request !== id) {
-    byTestId(main, "close-note").value = "";
+    byTestId(main, "close-note").value = notes.all.id === id ? notes.all.note : "";
     for (const button of currentPanel.querySelectorAll("button")) markNew(button);
   }
   currentPanel.dataset.request = id;
@@ -170,6 +171,7 @@ async function close(event) {
   setText(byTestId(main, "close-outcome"), answer.ok ? texts.closed(current.robot) : texts.refused(answer.detail));
   if (!answer.ok) return;
   note.value = "";
+  notes.keep({ note: "" });
   part(main, "state-line").focus(); // the panel with the focus goes
   poller.askNow();
 }
@@ -193,6 +195,9 @@ accept.addEventListener("click", () => answerOffer(accept, "accept", texts.accep
 decline.addEventListener("click", () => answerOffer(decline, "decline", texts.declined));
 byTestId(main, "current-drive").addEventListener("click", () => view?.current && drive(view.current));
 part(main, "close").addEventListener("submit", close);
+byTestId(main, "close-note").addEventListener("input", ({ target }) =>
+  notes.keep({ id: currentPanel.dataset.request, note: target.value }),
+);
 for (const name of ["pointerdown", "keydown"]) window.addEventListener(name, () => alerts.isSilenced && alerts.unlock());
 document.addEventListener("visibilitychange", tick);
 reloadOnReturn();

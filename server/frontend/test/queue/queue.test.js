@@ -8,7 +8,7 @@ import { Availability } from "../../src/queue/availability.js";
 import { Poller, startTicking } from "../../src/queue/poller.js";
 import { requestFacts, stateText } from "../../src/queue/requestRows.js";
 import { figureTexts, operatorFacts, periodWords } from "../../src/queue/supervision.js";
-import { FakeElement, settle } from "../fakes.js";
+import { FakeElement, settle, storageOf } from "../fakes.js";
 
 test("an offer sounds at once and every two seconds, and its name and the page's take turns in the title", () => {
   const page = { title: "Queue" };
@@ -257,6 +257,8 @@ test("another request gets neither the note nor a press that was meant for the o
   Object.assign(globalThis, { document: Object.assign(page, { ...of.document, body: page, hidden: false }), window: new EventTarget() });
   let id = 7;
   const closed = [];
+  const kept = new Map([["robotether.queue.note", JSON.stringify({ id: "7", note: "lost on" })]]);
+  Object.defineProperty(globalThis, "sessionStorage", { value: storageOf(kept), configurable: true });
   context.mock.method(globalThis, "fetch", async (path) => {
     if (path.endsWith("/close")) closed.push(path);
     return Response.json({ state: "busy", current: { id, robot: "sim1" }, waiting: [] });
@@ -268,7 +270,9 @@ test("another request gets neither the note nor a press that was meant for the o
   const next = async (ms) => (context.mock.timers.tick(ms), settle());
   await import("../../src/pages/queue.js");
   await next(1500);
-  byTestId(main, "close-note").value = "lost on the ramp";
+  assert.equal(byTestId(main, "close-note").value, "lost on", "as it was written before the page was opened again");
+  Object.assign(byTestId(main, "close-note"), { value: "lost on the ramp" }).dispatchEvent(new Event("input"));
+  assert.match(kept.get("robotether.queue.note") ?? "", /lost on the ramp/);
   await next(1000);
   assert.equal(byTestId(main, "close-note").value, "lost on the ramp");
   id = 8;
