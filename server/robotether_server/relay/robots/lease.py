@@ -287,7 +287,9 @@ class Lease:
             raise AlreadyAskedError(
                 f"cannot ask for control: it is reserved for {reservation.user.name}"
             )
-        raise LeaseFreeError("cannot ask for control: nobody drives; just connect")
+        raise LeaseFreeError(
+            "cannot change control: nobody has it; connect, after a release if the robot is stopped"
+        )
 
     def _asker_of(self, user: RelayUser, now: Instant) -> RelayUser:
         if self._driver_or_free(now).holder.user_id != user.id:
