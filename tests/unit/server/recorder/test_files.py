@@ -1,6 +1,7 @@
 """Files of recordings: what a tool of ROS reads in them, and what is left of one when its recorder is killed."""
 
 import resource
+from types import SimpleNamespace
 
 import pytest
 from mcap.reader import make_reader
@@ -142,6 +143,21 @@ def test_a_robot_with_new_topics_all_the_time_keeps_no_command_out(tmp_path):
     progress = recording.progress()
     assert progress.messages_left_out == MAX_CHANNELS
     assert progress.topics_left_out == tuple(f"/{MAX_CHANNELS + n}" for n in range(50))
+
+
+def test_the_file_of_a_stop_begins_with_what_the_robot_sent_once_before(tmp_path):
+    """What came within the last seconds keeps its time."""
+    robot = RobotRecorder(None, RecordableRobot(1, "sim1"), tmp_path)
+    robot._observing, robot._recent = object(), RecentMessages()
+    robot._observer = SimpleNamespace(lasting=lambda: [count(0), count(7)])
+    for number in (5, 7):
+        robot.write(count(number))
+    robot.begin(1, with_recent=True)
+    robot.end(1)
+    with (tmp_path / "1.mcap").open("rb") as file:
+        messages = [message for _, _, message in make_reader(file).iter_messages()]
+    times = [(message.sequence, message.log_time % 10**18) for message in messages]
+    assert times == [(0, 5), (5, 5), (7, 7)]
 
 
 def test_what_waits_for_a_stop_is_bounded():
