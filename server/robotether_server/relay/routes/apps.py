@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Literal
 
@@ -32,7 +32,7 @@ from robotether_server.relay.channels.rosbridge.message_validator import (
     FLOOD_AFTER_S,
     TOO_MANY,
     message_cost,
-    status_error,
+    refusal,
 )
 from robotether_server.relay.channels.rosbridge.operations import (
     NotJsonError,
@@ -53,6 +53,7 @@ PATH = "/apps/{name:[a-z0-9-]{1,63}}/ros"
 # Maximum number of a user's apps, and of an app's topics either way.
 MAX_APPS, MAX_TOPICS = 8, 32
 MAX_ID_LENGTH = 255
+OPERATIONS = ("advertise", "publish", "unadvertise", "subscribe", "unsubscribe")
 TYPE_NAME = re.compile(r"[\w/]{1,255}", re.ASCII)
 MAX_MESSAGE_BYTES = 256 * 1024
 # Maximum rate of messages of all apps of a user; large ones count more than once.
@@ -180,26 +181,28 @@ class App(ClientConnection):
     def _answer(self, data: bytes, verdict: str) -> bytes | None:
         """Do as a message says; return what tells the app that it is refused, or answers its clock sync."""
         if verdict == "refused":
-            return self._refusal(TOO_MANY)
+            return self._refusal(TOO_MANY, {})
         try:
             message = read_json(data)
         except NotJsonError as problem:
-            return self._refusal(f"cannot read the message: {problem}")
+            return self._refusal(f"cannot read the message: {problem}", {})
         if message.get("op") == CLOCK_SYNC:
             # By the answers the app's page knows that the connection still is.
             relay_ms = round(self._received_s * 1000, 3)
             return write_json({**message, "relay_ms": relay_ms})
         why = self._perform(message, data)
-        return None if why is None else self._refusal(why, message.get("id"))
+        return None if why is None else self._refusal(why, message)
 
-    def _refusal(self, why: str, message_id: object = None) -> bytes | None:
+    def _refusal(self, why: str, message: Mapping[str, Any]) -> bytes | None:
         """Return the answer; None: there were enough of them this second."""
         is_answered = self._answers.allow(self._received_s)
-        return status_error(why, message_id) if is_answered else None
+        return refusal(why, message) if is_answered else None
 
     def _perform(self, message: dict[str, Any], data: bytes) -> str | None:
         """Do as a message says; return why not."""
         op, topic = message.get("op"), full_name(message.get("topic"))
+        if op not in OPERATIONS:
+            return "cannot use the message: an app may only use the operations of topics"
         if topic is None:
             return "cannot use the message: `topic` must be a topic's name"
         message_id = "" if message.get("id") is None else str(message["id"])[:MAX_ID_LENGTH]
@@ -219,8 +222,6 @@ class App(ClientConnection):
                 self._forget(self._taken, topic, message_id)
                 if topic not in self._taken:
                     self._short_names.pop(topic, None)
-            case _:
-                return "cannot use the message: an app may only use the operations of topics"
         return None
 
     def _publish(self, topic: str, data: bytes) -> str | None:

@@ -142,7 +142,7 @@ class MessageValidator:
         except MessageRefusedError as refused:
             now = self._clock()
             if self._answers.allow(now):
-                refused.answer = _refusal(refused.detail, refused.message)
+                refused.answer = refusal(refused.detail, refused.message)
             if refused.kind in TOO_MUCH:
                 refused.floods = self._refused.add(now, 1 + len(data) // KB)
             raise
@@ -259,7 +259,7 @@ def status_error(text: str, message_id: object) -> bytes:
     return _answer(message_id, {"op": "status", "level": "error", "msg": text})
 
 
-def _refusal(why: str, message: Mapping[str, Any]) -> bytes:
+def refusal(why: str, message: Mapping[str, Any]) -> bytes:
     """Build the answer to a refused message: as rosbridge's to a call or goal that failed, else its status.
 
     Who calls waits for an answer of its kind, roslibjs and roslibpy for nothing else.

@@ -243,12 +243,15 @@ async def test_what_is_none_of_its_operations_is_refused(world, connect, monkeyp
         '{"op":"advertise","topic":"/a","type":7}',
         '{"op":"advertise","topic":"/thirty-three","type":"a/B"}',
         '{"op":"publish","topic":"/a","msg":{}}',
-        '{"op":"call_service","service":"/rosapi/topics"}',
         '{"op":"robotether.stop","topic":"/a"}',
     ):
         await socket.send_str(text)
         answer = await socket.receive_json(timeout=WAIT_S)
         assert (answer["op"], answer["level"]) == ("status", "error")
+    # Whoever calls waits for this alone.
+    await socket.send_json({"op": "call_service", "service": "/rosapi/topics", "id": "call"})
+    answer = await socket.receive_json(timeout=WAIT_S)
+    assert (answer["op"], answer["id"], answer["result"]) == ("service_response", "call", False)
     [app] = world.relay.relay.apps.of_user(EVE.id)
     assert len(app.describe().advertises) == apps.MAX_TOPICS
     sync = {"op": "robotether.clock_sync", "t_ms": 1.5, "key": "k"}
