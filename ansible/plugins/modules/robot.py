@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote
 
@@ -116,13 +117,14 @@ def _present(server: Server, params: dict[str, Any], *, check_mode: bool) -> dic
 
 
 def _absent(server: Server, params: dict[str, Any], *, check_mode: bool) -> dict[str, Any]:
-    name = _name_now(server, params) if params["mac"] else params["name"]
-    if name is None or _row(server, name) is None:
+    row = _row_now(server, params) if params["mac"] else _row(server, params["name"])
+    if row is None:
         return {"changed": False}
     if not check_mode:
-        status, answer = server.ask("DELETE", _path(name))
-        if status not in {OK, NO_CONTENT, NOT_FOUND}:
-            raise refusal(f"remove robot {name}", status, answer)
+        # Another robot may have got the name since.
+        status, answer = server.ask("DELETE", f"{_path(row['name'])}?mac={row['mac']}")
+        if status not in {OK, NO_CONTENT}:
+            raise refusal(f"remove robot {row['name']}", status, answer)
     return {"changed": True}
 
 
@@ -162,13 +164,12 @@ def _rows(server: Server) -> list[dict[str, Any]]:
     return rows
 
 
-def _name_now(server: Server, params: dict[str, Any]) -> str | None:
-    """Return the name of the robot that this machine is: an admin may have renamed it since."""
+def _row_now(server: Server, params: dict[str, Any]) -> Mapping[str, Any] | None:
+    """Return the row of the robot that this machine is: an admin may have renamed it since."""
     try:
-        row = own_row(_rows(server), params["name"], params["mac"], params["public_key"])
+        return own_row(_rows(server), params["name"], params["mac"], params["public_key"])
     except ForeignRowError as problem:
         raise ServerError(str(problem), "record_foreign") from problem
-    return str(row["name"]) if row else None
 
 
 def _path(name: str) -> str:
