@@ -19,7 +19,9 @@ export class Painter {
     return { width, height };
   }
 
+  // A canvas whose memory is lost, as after a crash of the graphics driver, draws nothing and reports no error.
   draw(image, width, height) {
+    if (this.context.isContextLost?.()) throw new Error("cannot show a frame: the browser has lost the canvas");
     const across = this.turned % 180 !== 0;
     fitCanvas(this.canvas, across ? height : width, across ? width : height);
     const { canvas, context } = this;

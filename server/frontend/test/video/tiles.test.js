@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, describe, test } from "node:test";
 
+import { Painter } from "../../src/client/painter.js";
 import { ShownFrames } from "../../src/client/shownFrames.js";
 import { KeyFrameMissingError } from "../../src/decoders/streamDecoder.js";
 import { part } from "../../src/dom/page.js";
@@ -86,6 +87,19 @@ test("a frame that cannot be decoded is none, and its camera is not said to send
   }
   streams[0].onStatus({ frame: "none", why: "robot_offline", detail: "" });
   assert.match(textOf("words"), /offline/);
+});
+
+test("a frame counts for nothing that a lost canvas does not show", async () => {
+  let lost = true;
+  let closed = 0;
+  const context = { isContextLost: () => lost, setTransform() {}, rotate() {}, drawImage() {} };
+  tile.painter = new Painter({ getContext: () => context });
+  const image = { width: 640, height: 480, close: () => (closed += 1) };
+  await assert.rejects(paint(900, image), /lost the canvas/);
+  assert.deepEqual([tile.at, tile.state, closed], [null, "none", 1]);
+  lost = false;
+  await paint(950, image);
+  assert.equal(tile.state, "live");
 });
 
 test("an old frame stays with words, and with its age where the page has none for it", async () => {
