@@ -32,8 +32,9 @@ from robotether_agent.problems import GuardDownError
 
 FORK, WAIT, PING = b"fork", b"wait", b"ping"
 MAX_PACKET_BYTES = 64
-# Number that is no exit code, and interval of the question: a disk that hangs keeps a guard that was killed.
-RUNS, RUNS_POLL_S = 256, 0.05
+# Number that is no exit code. Pause before the question is repeated, doubled each time, and its maximum: a guard that has
+# closed its output is about to end, and a disk that hangs keeps one that was killed.
+RUNS, RUNS_PAUSE_S, MAX_RUNS_PAUSE_S = 256, 0.001, 0.05
 # As `ps -o comm` shows them, instead of the agent's own name; the kernel keeps 15 characters.
 SERVER_NAME, GUARD_NAME = "guard-forks", "robot-guard"
 # Time limit for a program's first answer; a small computer that boots needs seconds to load Python.
@@ -180,8 +181,10 @@ class ForkServer:
 
     async def exit_code(self, pid: int) -> int:
         """Return a guard's exit code, as subprocess has it, once it has ended; ask once for each guard."""
-        while (code := await self._ask(WAIT + b"%d" % pid)) == RUNS:  # noqa: ASYNC110 (a process)
-            await asyncio.sleep(RUNS_POLL_S)
+        pause_s = RUNS_PAUSE_S
+        while (code := await self._ask(WAIT + b"%d" % pid)) == RUNS:
+            await asyncio.sleep(pause_s)
+            pause_s = min(MAX_RUNS_PAUSE_S, 2 * pause_s)
         return code
 
     async def check(self) -> None:
