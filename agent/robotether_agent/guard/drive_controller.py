@@ -88,8 +88,9 @@ class DriveController:
         self._wake = asyncio.Event()
         self._stepped = asyncio.Event()
         self._fence = 0
-        # Drive topics to which rosapi knows no listener; None: it does not say.
+        # Drive topics to which rosapi knows no listener; None: it does not say. Whether it knows all listeners.
         self.unheard: frozenset[str] | None = frozenset()
+        self._is_unheard_sure = True
 
     # What changes from outside.
 
@@ -194,13 +195,13 @@ class DriveController:
         )
         return [t.name for t in registered if now < t.used_at + DRIVEN_FOR_S]
 
-    def on_unheard(self, names: frozenset[str] | None) -> None:
+    def on_unheard(self, names: frozenset[str] | None, *, is_sure: bool = True) -> None:
         """Refuse to move what surely nothing listens to; zeros always go, and what is not sure is said."""
+        self._is_unheard_sure = is_sure
         if names == self.unheard:
             return
         for name in sorted((names or frozenset()) - (self.unheard or frozenset())):
-            topic = self._topics.find(name)
-            self._warn(f"{UNHEARD} {name}", to_driver=topic is not None and topic.is_of_ros_2)
+            self._warn(f"{UNHEARD} {name}", to_driver=not is_sure)
         if names is None:
             self._warn(LISTENERS_UNKNOWN, to_driver=True)
         self.unheard = names
@@ -214,9 +215,7 @@ class DriveController:
     def on_unregistered(self, name: str) -> None:
         """Advertise a topic at rest anew, once rosbridge has forgotten it."""
         topic = self._topics.find(name)
-        if topic is None or topic.is_of_ros_2:
-            return
-        if topic.waiting is None and self._deadman.is_at_rest(name):
+        if topic is not None and topic.waiting is None and self._deadman.is_at_rest(name):
             log.warning("ROS has forgotten that rosbridge publishes %s; advertising it again", name)
             self._topics.withhold(topic, self._clock() + UNREGISTERED_AFTER_S)
             self._wake.set()
@@ -305,7 +304,7 @@ class DriveController:
                 self._begin_zeros([topic.name])
             raise
         topic = self._topic_for(source, message.topic)
-        is_unheard = topic.name in (self.unheard or ()) and not topic.is_of_ros_2
+        is_unheard = self._is_unheard_sure and topic.name in (self.unheard or ())
         if now < topic.withheld_until or (command.moves and is_unheard):
             raise DriveMessageRefusedError("held", f"nothing on the robot listens to {topic.name}")
         before = topic.sent if self._deadman.is_moving(topic.name) else None

@@ -32,8 +32,8 @@ from robotether_agent.problems import GuardDownError
 
 FORK, WAIT, PING = b"fork", b"wait", b"ping"
 MAX_PACKET_BYTES = 64
-# Number that is no exit code. Pause before the question is repeated, doubled each time, and its maximum: a guard that has
-# closed its output is about to end, and a disk that hangs keeps one that was killed.
+# Number that is no exit code. Pause before the question is repeated, doubled each time, and its maximum: a guard that
+# has closed its output is about to end, and a disk that hangs keeps one that was killed.
 RUNS, RUNS_PAUSE_S, MAX_RUNS_PAUSE_S = 256, 0.001, 0.05
 # As `ps -o comm` shows them, instead of the agent's own name; the kernel keeps 15 characters.
 SERVER_NAME, GUARD_NAME = "guard-forks", "robot-guard"

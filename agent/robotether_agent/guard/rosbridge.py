@@ -195,8 +195,12 @@ class WatchListener(Protocol):
     def driven_now(self) -> list[str]:
         """Name the topics that somebody drives, and that rosbridge has had time to register."""
 
-    def on_unheard(self, names: frozenset[str] | None) -> None:
-        """Nothing listens to these topics, as far as is known; None: rosapi said who listens, and no longer answers."""
+    def on_unheard(self, names: frozenset[str] | None, *, is_sure: bool = True) -> None:
+        """Nothing listens to these topics, as far as is known; None: rosapi said who listens, and no longer answers.
+
+        It is not sure on ROS 2: rosapi names nodes, and neither programs of plain DDS nor nodes of some other releases
+        (ros2/ros2#1604).
+        """
 
     def on_unregistered(self, name: str) -> None:
         """ROS does not know any more that rosbridge publishes this topic."""
@@ -214,6 +218,8 @@ class SubscriberWatch:
         self._url = url
         # Topics of which rosapi has known a publisher.
         self._published: set[str] = set()
+        # None: not known yet.
+        self._is_ros_2: bool | None = None
 
     async def run(self) -> None:
         """Watch, without end."""
@@ -235,7 +241,9 @@ class SubscriberWatch:
                     answers = {name: await self._is_unheard(rosbridge, name) for name in names}
                     unheard = frozenset(name for name in names if answers[name])
                     is_known = unheard or None not in answers.values()
-                    self._listener.on_unheard(unheard if is_known else self._unknown())
+                    self._listener.on_unheard(
+                        unheard if is_known else self._unknown(), is_sure=not self._is_ros_2
+                    )
                     await asyncio.sleep(WATCH_EVERY_S)
         self._listener.on_unheard(frozenset())
 
@@ -255,21 +263,30 @@ class SubscriberWatch:
             return None
         if publishers:
             self._published.add(name)
+            if self._is_ros_2 is None:
+                ros_type = (await self._look_up(rosbridge, "topic_type", name)).get("type")
+                if isinstance(ros_type, str) and ros_type:
+                    self._is_ros_2 = "/msg/" in ros_type
             if subscribers and all(node in publishers for node in subscribers):
                 return None
             return not subscribers
         # A rosapi that hides this topic has never listed a publisher.
         if name not in self._published:
             return False
-        self._listener.on_unregistered(name)
+        if not self._is_ros_2:
+            self._listener.on_unregistered(name)
         return True
 
     async def _nodes(self, rosbridge: Rosbridge, kind: str, topic: str) -> list[object] | None:
         """Return the publishers or subscribers of a topic; None: rosapi does not say."""
-        call = rosbridge.call(f"/rosapi/{kind}", {"topic": topic})
-        answer: JsonObject = await within(ROSAPI_WITHIN_S, call)
-        nodes = answer.get(kind)
+        nodes = (await self._look_up(rosbridge, kind, topic)).get(kind)
         return nodes if isinstance(nodes, list) else None
+
+    async def _look_up(self, rosbridge: Rosbridge, kind: str, topic: str) -> JsonObject:
+        answer: JsonObject = await within(
+            ROSAPI_WITHIN_S, rosbridge.call(f"/rosapi/{kind}", {"topic": topic})
+        )
+        return answer
 
 
 def _keep_small(connection: RosbridgeSocket) -> None:

@@ -124,14 +124,6 @@ class Topic:
         """The shape of the advertised type."""
         return SHAPES.get(self.type)
 
-    @property
-    def is_of_ros_2(self) -> bool:
-        """Whether ROS 2 has it, where no master knows who listens.
-
-        rosapi sees no program without a node, as of plain DDS, nor nodes of some other releases (ros2/ros2#1604).
-        """
-        return "/msg/" in self.type
-
 
 class Topics:
     """All of them; their number is bounded, since operators name them. Those in `named` do not count."""

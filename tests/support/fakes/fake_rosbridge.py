@@ -126,6 +126,8 @@ class FakeRosbridge(WebService):
         kind = operation["service"].removeprefix("/rosapi/")
         if kind == "topics":
             return {"topics": list(topics), "types": list(topics.values())}
+        if kind == "topic_type":
+            return {"type": topics.get(operation["args"]["topic"], "")}
         if kind in {"publishers", "subscribers"}:
             return {kind: getattr(self, kind)}
         assert kind == "get_param"

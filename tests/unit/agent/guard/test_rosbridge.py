@@ -101,6 +101,21 @@ async def test_a_rosbridge_that_closes_at_once_is_logged_once(caplog):
         await until("it answers", lambda: "answers the publisher" in caplog.text)
 
 
+async def test_the_watch_is_not_sure_on_ros_2(monkeypatch, spawn):
+    """Whatever type the driver's client advertises."""
+    monkeypatch.setattr("robotether_agent.guard.rosbridge.WATCH_EVERY_S", 0.01)
+    driver = Mock(**{"driven_now.return_value": ["/cmd_vel"]})
+    async with FakeRosbridge({"/cmd_vel": "geometry_msgs/msg/Twist"}) as rosbridge:
+        watch = spawn(SubscriberWatch(driver, lambda: rosbridge.url).run())
+        rosbridge.subscribers = []
+        for rosbridge.publishers in (["/rosbridge"], []):
+            driver.on_unheard.reset_mock()
+            await until("it has looked", lambda: driver.on_unheard.call_count > 2)
+            driver.on_unheard.assert_called_with(frozenset({"/cmd_vel"}), is_sure=False)
+        watch.cancel()
+        driver.on_unregistered.assert_not_called()
+
+
 async def test_the_watch_says_what_nothing_listens_to(monkeypatch, spawn):
     """A rosapi that has never said, or hides the topic, is no reason for a word; one that says no more is."""
     monkeypatch.setattr("robotether_agent.guard.rosbridge.WATCH_EVERY_S", 0.01)
