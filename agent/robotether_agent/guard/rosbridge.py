@@ -264,7 +264,7 @@ class SubscriberWatch:
         if publishers:
             self._published.add(name)
             if self._is_ros_2 is None:
-                ros_type = (await self._look_up(rosbridge, "topic_type", name)).get("type")
+                ros_type = (await self._ask_rosapi(rosbridge, "topic_type", name)).get("type")
                 if isinstance(ros_type, str) and ros_type:
                     self._is_ros_2 = "/msg/" in ros_type
             if subscribers and all(node in publishers for node in subscribers):
@@ -279,10 +279,10 @@ class SubscriberWatch:
 
     async def _nodes(self, rosbridge: Rosbridge, kind: str, topic: str) -> list[object] | None:
         """Return the publishers or subscribers of a topic; None: rosapi does not say."""
-        nodes = (await self._look_up(rosbridge, kind, topic)).get(kind)
+        nodes = (await self._ask_rosapi(rosbridge, kind, topic)).get(kind)
         return nodes if isinstance(nodes, list) else None
 
-    async def _look_up(self, rosbridge: Rosbridge, kind: str, topic: str) -> JsonObject:
+    async def _ask_rosapi(self, rosbridge: Rosbridge, kind: str, topic: str) -> JsonObject:
         answer: JsonObject = await within(
             ROSAPI_WITHIN_S, rosbridge.call(f"/rosapi/{kind}", {"topic": topic})
         )
