@@ -168,7 +168,8 @@ def path_for_robot(raw_path: str, raw_query: str) -> str:
 def _check_sizes(raw_query: str) -> None:
     for name, value in parse_qsl(raw_query, keep_blank_values=True):
         is_side = value.isascii() and value.isdecimal() and 0 < int(value[:9]) <= MAX_SIDE
-        if name in {"width", "height"} and not is_side:
+        # -1 is the camera's own size.
+        if name in {"width", "height"} and not is_side and value != "-1":
             raise FieldInvalidError(f"cannot show video: {name} is 1 to {MAX_SIDE} pixels", name)
 
 
