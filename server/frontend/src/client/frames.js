@@ -311,7 +311,7 @@ class FramesLink {
   // In their order, one at a time.
   receiveFrame(data) {
     const frame = readFrame(data);
-    this.credits.came(this.now());
+    this.credits.came(this.now(), frame?.codec);
     const at = frame && this.senderClock.timestamp(frame.timestampMs);
     if (frame) this.taken = frame.sequence;
     if (frame?.isKey) this.lacksKey = false;

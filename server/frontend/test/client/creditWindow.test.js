@@ -4,12 +4,12 @@ import { test } from "node:test";
 import { CreditWindow } from "../../src/client/creditWindow.js";
 
 // Has `count` frames come at this interval, each shown at once; gives how many are on their way then.
-function underWay({ roundTripMs, intervalMs, count = 60 }) {
+function underWay({ roundTripMs, intervalMs, codec = "h264", count = 60 }) {
   const credits = new CreditWindow();
   credits.grant(0);
   for (const answerMs of roundTripMs) credits.answered(answerMs);
   for (let number = 1; number <= count; number += 1) {
-    credits.came(number * intervalMs);
+    credits.came(number * intervalMs, codec);
     credits.grant(1);
   }
   return credits.open;
@@ -26,6 +26,7 @@ test("two frames are on their way, and those that a long way holds", () => {
   ]) {
     assert.equal(underWay({ roundTripMs, intervalMs }), expected, `${roundTripMs} ${intervalMs}`);
   }
+  assert.equal(underWay({ roundTripMs: [38], intervalMs: 40, codec: "jpeg" }), 2);
 });
 
 test("answers that wait behind frames, and frames that a full line holds back, ask for no more", () => {

@@ -14,7 +14,7 @@ from robotether_server.problems import ProtocolError
 
 # Maximum interval between frames, and weight of the last one.
 MAX_INTERVAL_S, WEIGHT = 1.0, 0.1
-# Part of a frame on the way that counts as one.
+# Part of an encoded frame on the way that counts as one. A JPEG must be there whole: JPEGs fill lines.
 NEARLY = 0.75
 
 
@@ -27,6 +27,7 @@ class Credits:
         self._open = 0
         self._untaken: deque[int] = deque()
         self._last_s = 0.0
+        self._part = 1.0
         self._interval_s = MAX_INTERVAL_S
 
     def restart(self) -> None:
@@ -41,16 +42,17 @@ class Credits:
 
     def grant(self, way_s: float) -> int:
         """Return how many more frames the robot may send now; `way_s` is the shortest time there and back."""
-        window = min(MAX_CREDITS, CREDITS + int(way_s / self._interval_s + 1 - NEARLY))
+        window = min(MAX_CREDITS, CREDITS + int(way_s / self._interval_s + 1 - self._part))
         frames = max(0, window - self._open - len(self._untaken))
         self._open += frames
         return frames
 
-    def on_frame(self, now_s: float) -> None:
+    def on_frame(self, now_s: float, *, is_encoded: bool) -> None:
         """A frame came; ProtocolError when none was open."""
         if not self._open:
             raise ProtocolError("more frames came than were requested")
         self._open -= 1
+        self._part = NEARLY if is_encoded else 1.0
         passed_s = min(MAX_INTERVAL_S, now_s - self._last_s)
         self._interval_s += WEIGHT * (passed_s - self._interval_s)
         self._last_s = now_s

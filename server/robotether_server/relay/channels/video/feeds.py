@@ -276,7 +276,8 @@ class Feed(SharedCopy[FeedKey, Viewer]):
     def on_frame(self, data: bytes, now_s: float, clock: SenderClock) -> None:
         """A frame came, with a timestamp on the robot's clock."""
         codec, sequence, timestamp_ms = parse_frame(data)
-        self._credits.on_frame(now_s)
+        is_encoded = codec in CODECS and CODECS[codec].depends_on_earlier
+        self._credits.on_frame(now_s, is_encoded=is_encoded)
         self._round_trip_s = clock.round_trip_s
         timestamp_s = clock.ours(now_s, timestamp_ms)
         if self._shift is None:
