@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from math import ceil
@@ -32,6 +32,7 @@ from robotether_server.relay.channels.video.frame_protocol import (
     Frame,
     SenderClock,
     combined,
+    depends_on_earlier,
     parse_frame,
 )
 from robotether_server.relay.channels.video.held_frames import HeldFrames
@@ -232,7 +233,7 @@ class Feed(SharedCopy[FeedKey, Viewer]):
 
     def _combined_request(self) -> StreamRequest | None:
         viewers = [viewer for viewer in self.users if viewer.stream_request is not None]
-        operators = [viewer for viewer in viewers if not viewer.is_recorder] or viewers
+        operators = _operators_of(viewers)
         requests = _requests_of(operators)
         if not requests:
             return None
@@ -252,8 +253,8 @@ class Feed(SharedCopy[FeedKey, Viewer]):
 
     def _way_s(self) -> float:
         """Return the shortest time to the robot and back, and to the viewer that sets the pace and back."""
-        pacing = [viewer for viewer in self.users if not viewer.is_recorder] or self.users
-        return self._round_trip_s + min((viewer.round_trip_s for viewer in pacing), default=0.0)
+        ways_s = (viewer.round_trip_s for viewer in _operators_of(self.users))
+        return self._round_trip_s + min(ways_s, default=0.0)
 
     def on_connected(self) -> None:
         """There is a new connection to the robot, on which nothing is open yet."""
@@ -276,8 +277,7 @@ class Feed(SharedCopy[FeedKey, Viewer]):
     def on_frame(self, data: bytes, now_s: float, clock: SenderClock) -> None:
         """A frame came, with a timestamp on the robot's clock."""
         codec, sequence, timestamp_ms = parse_frame(data)
-        is_encoded = codec in CODECS and CODECS[codec].depends_on_earlier
-        self._credits.on_frame(now_s, is_encoded=is_encoded)
+        self._credits.on_frame(now_s, is_encoded=depends_on_earlier(codec))
         self._round_trip_s = clock.round_trip_s
         timestamp_s = clock.ours(now_s, timestamp_ms)
         if self._shift is None:
@@ -336,6 +336,11 @@ def reached_latency_ms(requested_ms: float, way_s: float) -> float:
     over_ms = way_s * 1000 - WAY_PART * requested_ms
     steps = max(0, ceil(over_ms / WAY_STEP_MS))
     return min(LATENCIES_MS[1], requested_ms + steps * WAY_STEP_MS)
+
+
+def _operators_of(viewers: Collection[Viewer]) -> Collection[Viewer]:
+    """Return those whose wishes count: the recorder's do while it is alone."""
+    return [viewer for viewer in viewers if not viewer.is_recorder] or viewers
 
 
 def _requests_of(viewers: Iterable[Viewer]) -> list[StreamRequest]:

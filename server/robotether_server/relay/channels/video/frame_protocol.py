@@ -118,6 +118,11 @@ class SenderClock:
         return None if behind_ms is None else min((sender_ms + behind_ms) / 1000, now_s)
 
 
+def depends_on_earlier(number: int) -> bool:
+    """Whether frames of the codec with this number depend on those before them, as far as it is known here."""
+    return number in CODECS and CODECS[number].depends_on_earlier
+
+
 def parse_frame(data: bytes) -> tuple[int, int, float]:
     """Read a frame's codec, number and timestamp in ms."""
     if not HEADER.size < len(data) <= HEADER.size + MAX_FRAME_BYTES:
@@ -126,8 +131,7 @@ def parse_frame(data: bytes) -> tuple[int, int, float]:
     # Not a number is in no range.
     if not -MAX_UPTIME_MS <= timestamp_ms <= MAX_UPTIME_MS:
         raise ProtocolError("a frame's timestamp is not a number")
-    is_dependent = codec in CODECS and CODECS[codec].depends_on_earlier
-    if is_dependent and len(data) > HEADER.size + MAX_DEPENDENT_FRAME_BYTES:
+    if depends_on_earlier(codec) and len(data) > HEADER.size + MAX_DEPENDENT_FRAME_BYTES:
         raise ProtocolError("a frame that others depend on has more than 2 MiB")
     return codec, sequence, timestamp_ms
 

@@ -207,12 +207,11 @@ class FramesSession(ClientConnection):
         """Note that the viewer has this frame and those before; return whether it was sent and not yet taken."""
         if all(sent != sequence for sent, _ in self._under_way):
             return False
-        while self._under_way:
+        sent, sent_s = self._under_way.popleft()
+        while sent != sequence:
             sent, sent_s = self._under_way.popleft()
-            if sent == sequence:
-                took_s = time.monotonic() - sent_s
-                self.round_trip_s = min(self.round_trip_s or took_s, took_s)
-                break
+        took_s = time.monotonic() - sent_s
+        self.round_trip_s = min(self.round_trip_s or took_s, took_s)
         return True
 
     def _push(self) -> None:

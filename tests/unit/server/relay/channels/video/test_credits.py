@@ -16,7 +16,6 @@ from robotether_server.relay.channels.video.credits import Credits
     ],
 )
 def test_the_way_does_not_bound_the_rate(way_s, interval_s, is_encoded, expected):
-    """Nor do frames that a full line holds back make more of them wait there."""
     books, now_s = Credits(), 0.0
     under_way = books.grant(way_s)
     for sequence in range(80):
