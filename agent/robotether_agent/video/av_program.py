@@ -17,6 +17,8 @@ MAX_DATA_BYTES = 192 * 1024 * 1024
 PR_SET_PDEATHSIG = 1
 # Flag of FFmpeg's decoders (AV_CODEC_FLAG_LOW_DELAY): no frame waits for the next.
 LOW_DELAY_FLAG = 0x80000
+# FFmpeg's numbers of the ranges of colours.
+LIMITED, FULL = 1, 2
 
 
 def step_back() -> None:

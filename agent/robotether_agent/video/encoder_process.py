@@ -20,7 +20,13 @@ from robotether_common.codecs import H264, VP8, Codec
 from robotether_common.frames import MAX_DEPENDENT_FRAME_BYTES, MAX_SIDE
 
 from robotether_agent.video.av_messages import LENGTH, framed
-from robotether_agent.video.av_program import LOW_DELAY_FLAG, private_output, step_back
+from robotether_agent.video.av_program import (
+    FULL,
+    LIMITED,
+    LOW_DELAY_FLAG,
+    private_output,
+    step_back,
+)
 from robotether_agent.video.encoder_messages import (
     MAX_REQUEST_BYTES,
     PRESETS,
@@ -45,8 +51,8 @@ NARROW_BUFFER, WIDE_BUFFER = 2, 4
 VP8_KEY_PERCENT = 300
 # Number of the NAL unit SPS in Annex B, with which a key frame begins that can be decoded by itself.
 SPS = 7
-# BT.601 in limited range, as decoders expect it of video and as JPEG's own matrix is.
-BT601, LIMITED, FULL = 6, 1, 2
+# Number of BT.601, which goes in limited range, as decoders expect it of video and as JPEG's own matrix is.
+BT601 = 6
 # Darkest and brightest value of a trial's picture, and the maximum difference of a sample once it was encoded.
 DARK, BRIGHT, MAX_DIFFERENCE = 16, 235, 64
 # Number of samples of a trial's picture in each direction, and the minimum of its bits a pixel: with few all look bad.

@@ -62,9 +62,14 @@ class EncoderPool:
         self._reports: dict[object, str] = {}
 
     def enter(self, who: object, *, yields: bool) -> None:
-        """Let a receiver want an encoder, or from now on with another worth."""
+        """Let a receiver want an encoder."""
         self._wanting[who] = yields
         self._notify()
+
+    def update(self, who: object, *, yields: bool) -> None:
+        """Note whether a receiver yields from now on, if it wants an encoder."""
+        if who in self._wanting:
+            self.enter(who, yields=yields)
 
     def leave(self, who: object) -> None:
         """Let a receiver want none."""
@@ -119,7 +124,7 @@ class FrameEncoder:
         self._key_frames = KeyFrameLimiter()
         self._load = LoadSteps(clock())
         self._requested_fps = StreamRequest.fps
-        self._yields = self._is_in_pool = False
+        self._yields = False
         self.name: str | None = None
         self.size: tuple[int, int] | None = None
         self._own_size: tuple[int, int] | None = None
@@ -161,8 +166,7 @@ class FrameEncoder:
         elif not self._unavailable:
             self._unneeded.clear()
             self._needed.set()
-            if self._is_in_pool:
-                self._pool.enter(self, yields=self._yields)
+            self._pool.update(self, yields=self._yields)
 
     def carries(self, stream_request: StreamRequest) -> Callable[[Level], bool] | None:
         """Return which levels the full line carries; None while it is not full, or nothing is encoded."""
@@ -184,10 +188,8 @@ class FrameEncoder:
         while True:
             await self._needed.wait()
             try:
-                self._is_in_pool = True
                 await first_of(self._keep_ready(), self._unneeded.wait())
             finally:
-                self._is_in_pool = False
                 self._pool.leave(self)
                 self._pool.report(self, "")
 

@@ -14,6 +14,7 @@ from av.filter import Graph
 from robotether_common.frames import MAX_SIDE
 
 from robotether_agent.fields import FieldError, JsonObject, get_int, get_text, printable
+from robotether_agent.video.av_program import FULL, LIMITED
 from robotether_agent.video.newest_jpegs import CameraFailedError
 
 # FFmpeg's pixel formats by encoding, and the bytes a pixel; those of distances have none.
@@ -50,7 +51,6 @@ _MILLIMETRES = "if(val," + _GREY.format(part=f"val/{1000 * RANGE_M}") + ",0)"
 _METRES = f"pow(2,floor(val/128)-127)*(1+mod(val,128)/128)/{RANGE_M}"
 _FLOATS = "if(val*lte(val,32640)," + _GREY.format(part=_METRES) + ",0)"
 GREYS = {"16UC1": _MILLIMETRES, "32FC1": _FLOATS}
-LIMITED, FULL = 1, 2
 
 
 @dataclass(frozen=True)

@@ -209,7 +209,7 @@ def test_frames_that_queue_are_told_from_a_clock_that_drifts(seconds, late, keep
 
 
 def test_a_frame_looks_no_newer_for_the_time_in_the_decoder(monkeypatch):
-    """As long as it waits for B frames, which come after a frame that is seen later."""
+    """With B frames it waits there for a frame that is shown later."""
     file = io.BytesIO()
     with av.open(file, "w", format="matroska") as output:
         stream = output.add_stream("libx264", FPS, {"bf": "2", "x264-params": "b-adapt=0"})

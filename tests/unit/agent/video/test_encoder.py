@@ -212,7 +212,7 @@ def test_hardware_is_tried_once_in_each_size_and_left_after_a_failure(monkeypatc
 
 @pytest.mark.parametrize(("shift", "chroma"), [(2, True), (0, False)])
 def test_hardware_that_makes_another_picture_is_refused(monkeypatch, shift, chroma):
-    """As FFmpeg's V4L2 encoder does where the driver pads rows, or has a buffer for each plane."""
+    """FFmpeg's V4L2 encoder does so if the driver pads rows, or has a buffer for each plane."""
 
     def broken(encoder, frame, request):
         seen = av.VideoFrame(frame.width, frame.height, "yuv420p")
