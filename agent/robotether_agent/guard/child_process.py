@@ -17,7 +17,7 @@ from contextlib import ExitStack, suppress
 from typing import NoReturn
 
 from robotether_agent.fields import FieldError, JsonObject, line_of, parse_object
-from robotether_agent.guard.fork_server import START_S, ForkServer
+from robotether_agent.guard.fork_server import START_S, ForkServer, ignore_failure
 from robotether_agent.problems import GuardDownError
 from robotether_agent.tasks import first_of, within
 
@@ -192,10 +192,7 @@ class GuardProcess:
     def _exit_code(self) -> asyncio.Future[int]:
         if self._exit_code_asked is None:
             self._exit_code_asked = asyncio.ensure_future(self._server.exit_code(self.pid))
-            # Nobody may ask for it any more when the fork server ends.
-            self._exit_code_asked.add_done_callback(
-                lambda done: done.cancelled() or done.exception()
-            )
+            ignore_failure(self._exit_code_asked)
         return self._exit_code_asked
 
     def _known_exit_code(self) -> int | None:

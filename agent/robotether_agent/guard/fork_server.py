@@ -209,8 +209,7 @@ class ForkServer:
 
     def _ask(self, packet: bytes, pipes: Sequence[int] = ()) -> asyncio.Future[int]:
         answer: asyncio.Future[int] = asyncio.get_running_loop().create_future()
-        # Nobody may wait for it any more when it fails.
-        answer.add_done_callback(lambda done: done.cancelled() or done.exception())
+        ignore_failure(answer)
         try:
             socket.send_fds(self._control, [packet], pipes)
         except OSError:
@@ -249,6 +248,11 @@ class ForkServer:
             if not answer.done():
                 answer.set_exception(GuardDownError("the fork server ended"))
         self._answers.clear()
+
+
+def ignore_failure(future: asyncio.Future[int]) -> None:
+    """Let it fail when nobody waits for it any more."""
+    future.add_done_callback(lambda done: done.cancelled() or done.exception())
 
 
 def _socket_pair() -> tuple[socket.socket, socket.socket]:

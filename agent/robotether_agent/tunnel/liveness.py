@@ -41,9 +41,9 @@ HOPELESS_AFTER_S = 4.0
 CHECK_EVERY_S = 0.2
 # Minimum delay of a poll that shows that this process or the whole machine was suspended.
 PAUSED_S = 1.5
-# Time after a suspension during which DISTRUSTED_AFTER_S of silence is enough, as on a path that moved while
-# somebody drives.
+# Time after a suspension in which the connection is distrusted.
 DISTRUST_S = 3.0
+# Time of silence that is enough then, and on a path that moved while somebody drives.
 DISTRUSTED_AFTER_S = 0.6
 # Pause after a failed attempt on another connection: a new network without a route to the server
 # must not be tried all the time while the old one works.
@@ -108,7 +108,7 @@ async def watch(
     tunnel: Tunnel,
     target: SshAddress,
     elsewhere: Callable[[], Sequence[SshAddress]],
-    is_driven: Callable[[], bool] = lambda: False,
+    is_driven: Callable[[], bool],
 ) -> NoReturn:
     """Raise ServerSilentError or NetworkChangedError when the connection is dead; else never end.
 

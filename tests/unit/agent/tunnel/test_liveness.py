@@ -126,7 +126,7 @@ async def watched(network, spawn):
     ):
         target = SshAddress("127.0.0.1", server.getsockname()[1], "tunnel", dialer)
         tunnel = SimpleNamespace(socket=connection)
-        task = spawn(watch(session, tunnel, target, lambda: [OTHER]))
+        task = spawn(watch(session, tunnel, target, lambda: [OTHER], lambda: False))
         yield session, dialer, task
         task.cancel()
 
