@@ -25,14 +25,13 @@ def own_row(
     An admin may have given the robot another name and another MAC since, but then the row has the machine's key.
     """
     fingerprint = fingerprint_of(public_key or "")
-    matches = [
-        row
-        for row in rows
-        if mac == row["mac"] or name == row["name"] or fingerprint == (row["fingerprint"] or "")
-    ]
+
+    def has_key(row: Mapping[str, Any]) -> bool:
+        return fingerprint is not None and row["fingerprint"] == fingerprint
+
+    matches = [row for row in rows if mac == row["mac"] or name == row["name"] or has_key(row)]
     for row in matches:
-        is_same = (row["mac"], row["name"]) == (mac, name)
-        if is_same or fingerprint == (row["fingerprint"] or ""):
+        if (row["mac"], row["name"]) == (mac, name) or has_key(row):
             return row
     if matches:
         names = " and ".join(f"{row['name']} (MAC {row['mac']})" for row in matches)
